@@ -17,18 +17,20 @@ class Confirmation:
     """A goal that was planned and waits for the second click.
 
     Attributes:
-        goal: its fields.
+        goal: its fields, as they were planned.
+        typed: what was typed for it. The goal can't be compared: its z follows the estimate of the start's height.
         plan: its plan.
         t_s: time of the plan, on the clock that the caller uses.
     """
 
     goal: Mapping[str, Any]
+    typed: Mapping[str, Any]
     plan: PlanReply
     t_s: float
 
-    def holds_for(self, goal: Mapping[str, Any], now_s: float) -> bool:
-        """Whether the second click may fly what the form has now."""
-        return goal == self.goal and not self.is_old(now_s)
+    def holds_for(self, typed: Mapping[str, Any], now_s: float) -> bool:
+        """Whether the second click may fly the plan of what the form has now."""
+        return typed == self.typed and not self.is_old(now_s)
 
     def is_old(self, now_s: float) -> bool:
         """Whether it is too late for the second click."""

@@ -75,7 +75,6 @@ class VehicleState:
         self._health: dict[str, tuple[float, ServiceHealth]] = {}
         self._feedback: tuple[float, FeedbackMessage[Any]] | None = None
         self._trail = ThinnedPath()
-        self._home_z_ned_m: float | None = None
         self._since_s: float | None = None
         self._stands_since_s = -inf
         """Since when the vehicle stands on the ground as it does now; preflight reports from before don't count."""
@@ -114,11 +113,8 @@ class VehicleState:
         if before is not None and before.epoch_id != status.odometry.epoch_id:
             self._trail.clear()
             self.goals.forget()
-            self._home_z_ned_m = None
         elif before is not None and before.reset_offset_ned_m != status.odometry.reset_offset_ned_m:
             self._trail.shift(subtract(status.odometry.reset_offset_ned_m, before.reset_offset_ned_m))
-        if last is not None and status.armed and not last.armed:
-            self._home_z_ned_m = status.odometry.pos_uav_ned_m[2]
         if status.armed:
             self._trail.add(status.odometry.pos_uav_ned_m)
 
@@ -165,7 +161,7 @@ class VehicleState:
         status: Status | None = self._latest(topics.STATUS)
         if status is not None and status.takeoff_ned_m is not None:
             return status.takeoff_ned_m[2]
-        odometry = None if status is None or status.armed else status.odometry
+        odometry = None if status is None or status.armed or not status.landed else status.odometry
         z_ned_m = 0.0 if odometry is None else odometry.pos_uav_ned_m[2]
         return z_ned_m if isfinite(z_ned_m) else 0.0
 
@@ -210,7 +206,7 @@ class VehicleState:
     def readings(self, now_s: float) -> list[dict[str, Any]]:
         """The instruments, in the order in which they are shown."""
         status, age_s = self._latest(topics.STATUS), self._age_s(topics.STATUS, now_s)
-        rows: list[Reading] = flight_readings(status, age_s, self._home_z_ned_m)
+        rows: list[Reading] = flight_readings(status, age_s, self.start_z_ned_m)
         rows.insert(2, ground_reading(self._latest(topics.ALTIMETER), self._age_s(topics.ALTIMETER, now_s)))
         rows += gnss_readings(self._latest(topics.GNSS), self._age_s(topics.GNSS, now_s))
         rows += rover_readings(

@@ -50,23 +50,27 @@ _NAME = re.compile(r"(?<![\w/.=-])\$?\.?[a-z][a-z0-9]*(?:_[a-z0-9]+)+(?![\w/=-]|
 _CLIENT = re.compile(r",? ?\b(?:goal )?py-[0-9a-f]{12}(?:-\d+)?")
 _MODE = re.compile(r"\b(?:mode )?(AUTO\.\w+|OFFBOARD|POSCTL|ALTCTL|STABILIZED|MANUAL|ACRO)\b")
 _MODE_WORDS = {"AUTO.RTL": "return", "AUTO.LOITER": "hold", "POSCTL": "position", "ALTCTL": "altitude"}
+_DOWN = re.compile(r"\bz = (-?\d+(?:\.\d+)?) m\b")
+_COUNTS_DOWN = re.compile(r": (?:NED counts|z points) down, 5 m up is −5")
 _NOT_SAID = ("ned", *UNITS)
 
 
 def in_words(text: str) -> str:
     """A sentence of the stack for people: names of actions and fields as words, modes by name, ids left out.
 
-    E.g. "land_on_spot: altitude_m is 9000" becomes "land on spot: altitude is 9000".
+    E.g. "land_on_spot: altitude_m is 9000" becomes "land on spot: altitude is 9000". Heights are positive up.
     """
     text = _CLIENT.sub("", text)
     text = _MODE.sub(lambda mode: f"{_MODE_WORDS.get(mode[1]) or mode[1].rpartition('.')[2].lower()} mode", text)
+    text = _DOWN.sub(lambda down: f"height {-float(down[1]):g} m", _COUNTS_DOWN.sub("", text))
     return _NAME.sub(lambda name: label_of(name[0].lstrip("$.")), text)
 
 
 def label_of(name: str) -> str:
-    """The name of a field or an action for people, without frame and unit, e.g. "center" of `center_ned_m`."""
+    """The name of a field or an action for people, e.g. "target height" of `target_z_ned_m`."""
     first, *rest = name.split("_")
-    return " ".join([first, *(word for word in rest if word not in _NOT_SAID)])
+    words = [first, *(word for word in rest if word not in _NOT_SAID)]
+    return " ".join("height" if word == "z" else word for word in words)
 
 
 def activity(status: Status) -> str:

@@ -220,7 +220,7 @@ def test_a_click_on_the_map_sets_the_target_and_a_landing_asks_for_what_its_case
     screen.choose("go_to")
     screen.click_map(20.0, 40.0)
     expect(screen.marked("go_to-target_ned_m-north")).not_to_have_value("")
-    expect(screen.marked("go_to-target_ned_m-down")).to_have_value("-3")
+    expect(screen.marked("go_to-target_ned_m-height")).to_have_value("3")
     screen.choose("land_on_spot")
     north = screen.marked("land_on_spot-landing_spot_ned_m-north")
     expect(north).not_to_be_visible()

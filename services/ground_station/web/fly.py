@@ -77,6 +77,7 @@ class FlyPanel:
             self.area = area
             self._map.run_method("keep", "area", area.kept())
             if moved:
+                self.withdraw()
                 self._map.run_method("setArea", area.rings)
 
     def _build(self) -> None:

@@ -19,11 +19,11 @@ from jezero.services.ground_station.web.commands import Commands
 from jezero.services.ground_station.words import duration, in_words
 
 START: dict[str, dict[str, Any]] = {
-    "go_to": {"target_ned_m": [None, None, -3]},
-    "get_images": {"center_ned_m": [None, None, -5], "radius_m": 4, "num_images": 8},
-    "area_coverage": {"z_ned_m": -4, "overlap": 0.6},
+    "go_to": {"target_ned_m": [None, None, 3]},
+    "get_images": {"center_ned_m": [None, None, 5], "radius_m": 4, "num_images": 8},
+    "area_coverage": {"z_ned_m": 4, "overlap": 0.6},
 }
-"""What a form has at first where the goal type has no default."""
+"""What a form has at first where the goal type has no default; heights are positive up."""
 CLICKS = {
     "go_to": "Click the map or the ground: there it flies.",
     "get_images": "Click the target on the map or on the ground; it flies around it.",
@@ -93,6 +93,7 @@ class Form:
         self._problems: dict[str, Any] = {}
         self._planned: dict[str, Any] | None = None
         """The goal that was sent to be planned last; the reply to an earlier one is not shown."""
+        self._planned_typed: dict[str, Any] = {}
         self._planning = False
         self._is_asked = False
         """The plan that comes next is shown with the button that confirms it."""
@@ -163,6 +164,9 @@ class Form:
         wide = field.kind in ("vector", "area", "areas", "switch")
         with ui.element("div").classes("field field-wide" if wide else "field") as row:
             self._inputs[field.name] = self._input(field)
+            if field.has_height:
+                rover = "; in the rover's frame, above the rover" if self._has_frame else ""
+                ui.label(f"Heights are above the start{rover}.").classes("field-hint")
             problem = ui.label().classes("field-problem")
             self._problems[field.name] = problem.props(f'data-mark="problem-{self.action.name}-{field.name}"')
         self._rows[field.name] = row
@@ -235,12 +239,24 @@ class Form:
             parts = [float(element.value or 0.0) for element in self._inputs[field.name]]
         except ValueError:
             return None
+        if field.has_height:
+            parts[-1] = self._start_z_ned_m - parts[-1]
         return parts if all(element.value not in (None, "") for element in self._inputs[field.name][:2]) else None
+
+    @property
+    def _has_frame(self) -> bool:
+        """Whether the goal's points can be relative to the rover."""
+        return any(field.name == "frame" for field in self.fields)
 
     @property
     def in_rover_frame(self) -> bool:
         """Whether the goal's points are relative to the rover."""
         return any(field.name == "frame" and self._inputs["frame"][0].value == "rover" for field in self.fields)
+
+    @property
+    def _start_z_ned_m(self) -> float:
+        """z of the place above which heights are typed, in the goal's frame."""
+        return 0.0 if self.in_rover_frame else float(self._panel.start_z_ned_m)
 
     def set_point(self, north_m: float, east_m: float) -> None:
         """Take a point in the form's frame as the target; its height stays."""
@@ -262,10 +278,15 @@ class Form:
 
     async def replan(self) -> None:
         """Plan again if the goal has changed since its plan."""
-        if self.plan is not None and self._goal() != self._planned:
+        if self.plan is not None and self._typed() != self._planned_typed:
             await self.make_plan()
 
     # -- the goal --
+
+    def _typed(self) -> dict[str, Any]:
+        """What the fields hold."""
+        values: dict[str, Any] = {name: [each.value for each in inputs] for name, inputs in self._inputs.items()}
+        return values | ({"case": self._case.value} if self._cases else {})
 
     def _goal(self) -> dict[str, Any] | None:
         area: DrawnArea = self._panel.area
@@ -284,7 +305,7 @@ class Form:
                 values[field.name] = inputs[0].value
         if self._cases:
             values |= self._cases[self._case.value].values
-        goal, problems = goal_from(self.fields, values)
+        goal, problems = goal_from(self.fields, values, self._start_z_ned_m)
         if self.draws_area and len(area.rings) > 1 and not any(field.kind == "areas" for field in self.fields):
             problems[next(field.name for field in self.fields if field.kind == "area")] = NO_HOLES
         if self.draws_area and self._origin_m is None:
@@ -316,7 +337,7 @@ class Form:
 
         The server plans one goal at a time and refuses another: a goal that changes meanwhile is planned afterwards.
         """
-        self._planned = self._goal()
+        self._planned, self._planned_typed = self._goal(), self._typed()
         if self._planned is None or self._planning:
             return
         self._planning = True
@@ -334,7 +355,7 @@ class Form:
                 self._tell(found if isinstance(found, str) else found.reason)
                 self._show_plan(None if isinstance(found, str) else found)
                 if self.plan is not None and self._is_asked:
-                    self._ask(Confirmation(goal, self.plan, time.monotonic()))
+                    self._ask(Confirmation(goal, self._planned_typed, self.plan, time.monotonic()))
                 return
         self._show_plan(None)
 
@@ -345,15 +366,14 @@ class Form:
 
         The second click of a double click confirms nothing, and neither does a key: `detail` counts clicks.
         """
-        goal, confirmation = self._goal(), self._confirmation
-        if confirmation is not None and goal is not None and confirmation.holds_for(goal, time.monotonic()):
+        confirmation = self._confirmation
+        if confirmation is not None and confirmation.holds_for(self._typed(), time.monotonic()):
             if event.args.get("detail") == 1:
-                await self._send(goal, confirmation.plan)
+                await self._send(confirmation)
             return
         self.withdraw()
-        if goal is not None:
-            self._is_asked = True
-            await self.make_plan()
+        self._is_asked = True
+        await self.make_plan()
 
     def withdraw(self) -> None:
         """Withdraw the goal that waits for its confirmation."""
@@ -377,10 +397,11 @@ class Form:
         self._fly.classes("confirming") if confirmation is not None else self._fly.classes(remove="confirming")
         self._back.set_visibility(confirmation is not None)
 
-    async def _send(self, goal: dict[str, Any], plan: PlanReply) -> None:
+    async def _send(self, confirmation: Confirmation) -> None:
+        goal, plan = dict(confirmation.goal), confirmation.plan
         self._ask(None)
         if plan.coverage is not None:
-            goal = goal | {"plan_id": plan.coverage.plan_id}
+            goal["plan_id"] = plan.coverage.plan_id
         self._tell(await self._commands.send(self.action, goal))
         if plan.coverage is None:  # the way that is flown is drawn from now on
             self._show_plan(None)

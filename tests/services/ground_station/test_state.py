@@ -70,12 +70,15 @@ def test_an_unknown_battery_shows_no_number() -> None:
     assert reading(shown(), "battery", 0.1)["text"] == "80"
 
 
-def test_the_height_over_home_counts_from_where_the_vehicle_armed() -> None:
+def test_the_height_counts_from_where_the_vehicle_stood_before_it_was_armed() -> None:
     state = VehicleState()
-    state.update(0.0, topics.STATUS, FLIGHT.at(0.0, 0.0, -0.4).status(code=0, armed=False, in_charge="none"))
-    state.update(0.1, topics.STATUS, FLIGHT.at(0.0, 0.0, -0.4).status(code=1))
-    state.update(0.2, topics.STATUS, FLIGHT.at(0.0, 0.0, -2.4).status(code=1))
-    assert reading(state, "over home", 0.3)["text"] == "2.00"
+    stands = FLIGHT.at(0.0, 0.0, -0.4).status(code=0, armed=False, landed=True, in_charge="none")
+    state.update(0.0, topics.STATUS, stands)
+    assert (state.start_z_ned_m, reading(state, "height", 0.1)["text"]) == (-0.4, "0.00")
+    state.update(0.2, topics.STATUS, FLIGHT.at(0.0, 0.0, -2.4).status(code=1, takeoff_ned_m=(0.0, 0.0, -0.4)))
+    assert (state.start_z_ned_m, reading(state, "height", 0.3)["text"]) == (-0.4, "2.00")
+    state.update(0.4, topics.STATUS, FLIGHT.at(0.0, 0.0, -2.4).status(code=1))
+    assert (state.start_z_ned_m, reading(state, "height", 0.5)["text"]) == (0.0, "2.40")
 
 
 def test_the_status_line_tells_who_is_in_charge_and_for_how_long() -> None:

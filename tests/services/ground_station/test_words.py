@@ -16,6 +16,7 @@ from jezero.services.ground_station.words import in_words
         ("its arming checks don't pass yet in mode AUTO.LOITER", "its arming checks don't pass yet in hold mode"),
         ("taken over: switched to POSCTL", "taken over: switched to position mode"),
         ("see /var/my_runs/flight_1.mcap", "see /var/my_runs/flight_1.mcap"),
+        ("target z = 3 m is too low: NED counts down, 5 m up is −5", "target height -3 m is too low"),
         ("set JEZERO_ROUTER", "set JEZERO_ROUTER"),
     ],
 )  # fmt: skip
