@@ -69,7 +69,8 @@ walk: setup
 	$(BIN)/pytest -q -m slow tests/system/test_docs_commands.py
 
 pages: setup
-	$(BIN)/pytest -q -m slow tests/system/test_ground_station.py tests/system/test_ground_station_restarts.py
+	$(BIN)/pytest -q -m slow tests/system/test_ground_station.py tests/system/test_ground_station_restarts.py \
+		tests/system/test_ground_station_states.py
 
 speed: setup
 	$(BIN)/python -m benchmarks.speed

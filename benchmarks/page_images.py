@@ -176,6 +176,7 @@ def cover(page: Page) -> None:
         page.mouse.click(middle_px[0] + right_px, middle_px[1] + down_px)
     expect(page.locator('[data-mark="plan-area_coverage"]')).to_contain_text("images", timeout=TIMEOUT_MS)
     page.locator('[data-mark="fly-area_coverage"]').click()
+    page.locator(".confirming").click()
 
 
 def write_docs(folder: Path) -> None:

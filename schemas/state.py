@@ -47,6 +47,25 @@ class StatusCode(IntEnum):
     ACTION_DONE = 15
 
 
+STATUS_WORDS = {
+    StatusCode.IDLE: "is on the ground",
+    StatusCode.TAKEOFF: "takes off",
+    StatusCode.TAKEOFF_DONE: "has taken off",
+    StatusCode.HOVER: "hovers",
+    StatusCode.GO_TO: "flies to a point",
+    StatusCode.GO_TO_DONE: "has reached its point",
+    StatusCode.GET_IMAGES: "takes images around a target",
+    StatusCode.GET_IMAGES_DONE: "has taken its images",
+    StatusCode.LANDING: "lands",
+    StatusCode.LANDING_DONE: "has landed",
+    StatusCode.COVERAGE: "covers an area",
+    StatusCode.COVERAGE_DONE: "has covered its area",
+    StatusCode.ABORT: "aborts",
+    StatusCode.EXTERNAL: "is under other command",
+    StatusCode.ACTION: "flies an action",
+    StatusCode.ACTION_DONE: "has finished an action",
+}
+"""What the vehicle does, for people; the sentence begins with "the vehicle"."""
 InCharge = Literal["none", "goal", "hover", "external", "failsafe"]
 Geodetic = tuple[
     Annotated[float, Meta(ge=-90.0, le=90.0)],

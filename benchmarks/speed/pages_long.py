@@ -61,6 +61,7 @@ class Viewer:
         ):
             self.page.locator(f'[data-mark="tab-{action}"]').click()
             self.page.locator(f'[data-mark="fly-{action}"]').click()
+            self.page.locator(".confirming").click()
             self.shows(during)
             self.shows(after)
 

@@ -11,7 +11,7 @@ from jezero.client.status import REPLY_TIMEOUT_S, request_status
 from jezero.schemas.commands import Abort, AbortReply, Hover, HoverReply, Kill, KillReply, Phase
 from jezero.schemas.goals import Goal, LandOnSpotGoal
 from jezero.schemas.rows import Action
-from jezero.schemas.state import StatusCode
+from jezero.schemas.state import STATUS_WORDS, StatusCode
 from jezero.schemas.topics import ABORT, HOVER, KILL, LAND_ON_SPOT
 
 HOVER_TIMEOUT_S = 10.0
@@ -47,7 +47,7 @@ def goal_in_charge(connection: Connection) -> tuple[Action[Any], str]:
     """
     status = request_status(connection)
     if not status.goal_id:
-        raise Refused(f"no goal is in charge, the vehicle is in status {status.code} {status.name}", status.code)
+        raise Refused(f"no goal is in charge, the vehicle {STATUS_WORDS[StatusCode(status.code)]}", status.code)
     # The keys follow from the name alone: the package of another client's action need not be installed here.
     return Action(status.action, Goal, Any, Any, Phase.ACTION), status.goal_id
 

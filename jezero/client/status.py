@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from jezero.client.errors import Refused, TimedOut, Unreachable
 from jezero.client.session import Connection, decode
 from jezero.schemas.preflight import GetPreflight, PreflightReply, PreflightReport
-from jezero.schemas.state import Status
+from jezero.schemas.state import STATUS_WORDS, Status, StatusCode
 from jezero.schemas.topics import CHECK_PREFLIGHT, STATUS
 
 REPLY_TIMEOUT_S = 3.0
@@ -83,7 +83,7 @@ def wait_ready(connection: Connection, timeout_s: float) -> Status:
             for status in watch_status(connection):
                 if status.ready:
                     return status
-                reason = status.not_ready_reason or f"its status is {status.name}"
+                reason = status.not_ready_reason or f"it {STATUS_WORDS[StatusCode(status.code)]}"
                 if time.monotonic() > deadline_s:
                     break
         except (Unreachable, TimedOut) as error:

@@ -3,13 +3,11 @@
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.state import Status
-from jezero.services.ground_station.words import activity, in_charge
+from jezero.services.ground_station.words import StateWords, Tone, in_charge, in_words
 
-Tone = Literal["good", "plain", "warning", "bad"]
 KEPT = 60
 
 
@@ -39,6 +37,7 @@ class EventLog:
         self.count = 0
         self._events: deque[Event] = deque(maxlen=KEPT)
         self._status: Status | None = None
+        self._words = ""
         self._health: dict[str, ServiceHealth] = {}
 
     @property
@@ -48,15 +47,17 @@ class EventLog:
 
     def add(self, t_s: float, tone: Tone, text: str) -> None:
         """Add an event, unless it repeats the last one."""
+        text = in_words(text)
         if text and (not self._events or self._events[-1].text != text):
             self._events.append(Event(t_s, tone, text))
             self.count += 1
 
-    def on_status(self, t_s: float, status: Status) -> None:
-        """Compare a status with the one before."""
+    def on_status(self, t_s: float, status: Status, state: StateWords) -> None:
+        """Compare a status, and the state that it means, with those before."""
         last, self._status = self._status, status
+        last_words, self._words = self._words, state.words
         if last is None:
-            self.add(t_s, "plain", f"Connected: {activity(status)}")
+            self.add(t_s, "plain", f"Connected: {state.words}")
             return
         if last.bridge_boot_id != status.bridge_boot_id:
             self.add(t_s, "warning", "The vehicle bridge was restarted")
@@ -66,8 +67,8 @@ class EventLog:
             self.add(t_s, "plain", "Motors on" if status.armed else "Motors off")
         if last.in_charge != status.in_charge and status.in_charge in ("external", "failsafe"):
             self.add(t_s, "bad", f"In charge now: {in_charge(status)}")
-        if activity(last) != activity(status):
-            self.add(t_s, "good" if status.ready else "plain", activity(status))
+        if last_words != state.words:
+            self.add(t_s, "good" if state.tone in ("good", "flying") else "plain", state.words)
         if last.text != status.text:
             self.add(t_s, "plain", status.text)
 

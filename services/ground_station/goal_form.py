@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from math import degrees, isfinite, radians
 from typing import Any, Literal
 
+from jezero.services.ground_station.words import DEGREES, UNITS, in_words, label_of
+
 Kind = Literal["number", "integer", "switch", "choice", "choices", "vector", "area", "areas"]
 LEFT_OUT = frozenset(
     {
@@ -14,17 +16,18 @@ LEFT_OUT = frozenset(
     }
 )  # fmt: skip
 """Fields that the ground station, the server or a mission fills in."""
-DEGREES = "°"
-UNITS = {"m": "m", "mps": "m/s", "rad": DEGREES, "s": "s", "deg": DEGREES, "px": "px", "hz": "Hz"}
-"""Unit that people type, by the end of a field's name; an angle in radians is typed in degrees."""
 BOUND_MAX = 1e4
 """Bounds from here on only keep out garbage such as infinity, so that no form shows them."""
 CORNERS_MIN = 3
+HEIGHT = "height"
+AXES = ("north", "east", HEIGHT)
+Z_NAMES = ("z_ned_m",)
 AREA_WORDS: Mapping[str, tuple[str, ...]] = {
     "area": ("area", "polygon", "corner", "corners"),
     "areas": ("hole", "holes"),
 }
 """Words of refusals that are about an area."""
+_IS_UP = re.compile(r"[;,] (?:a )?negative (?:z )?is up")
 _ENTRY = re.compile(r"^ +(\w+): (.*(?:\n {9,}.*)*)", re.MULTILINE)
 
 
@@ -43,7 +46,7 @@ class Field:
         minimum: smallest number; None without a bound.
         maximum: largest number; None without a bound.
         choices: the values of one choice or of several.
-        axes: names of a vector's numbers.
+        axes: names of a vector's numbers; the last one of a point in space is its height.
         help: what it means.
     """
 
@@ -58,6 +61,11 @@ class Field:
     choices: tuple[str, ...] = ()
     axes: tuple[str, ...] = ()
     help: str = ""
+
+    @property
+    def has_height(self) -> bool:
+        """Whether a height, positive up, is typed where the goal has a z, positive down."""
+        return self.axes[-1:] == (HEIGHT,) or (self.kind == "number" and self.name.endswith(Z_NAMES))
 
     @property
     def in_radians(self) -> bool:
@@ -83,7 +91,7 @@ def form_of(schema: Mapping[str, Any]) -> tuple[str, list[Field]]:
     """
     struct = _resolved(schema, schema)
     text = struct.get("description", "")
-    meanings = {name: " ".join(meaning.split()) for name, meaning in _ENTRY.findall(text)}
+    meanings = {name: _meaning(text) for name, text in _ENTRY.findall(text)}
     fields = []
     for name, kind_schema in struct["properties"].items():
         if name in LEFT_OUT:
@@ -93,6 +101,12 @@ def form_of(schema: Mapping[str, Any]) -> tuple[str, list[Field]]:
         if field is not None:
             fields.append(field)
     return text.split("\n")[0], fields
+
+
+def _meaning(text: str) -> str:
+    """What a field means, for a person who types heights."""
+    words = _IS_UP.sub("", " ".join(text.split())).replace("`", "")
+    return in_words(re.sub(r"\bz\b", HEIGHT, words))
 
 
 def _resolved(part: Mapping[str, Any], schema: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -118,11 +132,14 @@ def _field(name: str, part: Mapping[str, Any], schema: Mapping[str, Any], requir
             return Field(**common, unit="", kind="switch")
         case "number" | "integer" as kind:
             low, high = (_bound(kind_schema.get(bound), unit, name) for bound in ("minimum", "maximum"))
+            if name.endswith(Z_NAMES):  # bounds of a z don't bound the height above the start
+                low = high = None
+                common["default"] = None if common["default"] is None else 0.0 - common["default"]
             if common["default"] is not None and name.endswith("_rad"):
                 common["default"] = degrees(common["default"])
             return Field(**common, unit=unit, kind=kind, minimum=low, maximum=high)
         case "array" if "prefixItems" in kind_schema:
-            axes = ("north", "east", "down")[: len(kind_schema["prefixItems"])]
+            axes = AXES[: len(kind_schema["prefixItems"])]
             return Field(**common, unit=unit, kind="vector", axes=axes)
         case "array":
             return Field(**common, unit=unit, kind="area" if "prefixItems" in items else "areas")
@@ -137,16 +154,17 @@ def _bound(bound: float | None, unit: str, name: str) -> float | None:
 
 def _label_and_unit(name: str) -> tuple[str, str]:
     words = name.split("_")
-    unit = UNITS.get(words[-1], "") if len(words) > 1 else ""
-    shown = [word for word in (words[:-1] if unit else words) if word != "ned"]
-    return " ".join(shown), unit
+    return label_of(name), UNITS.get(words[-1], "") if len(words) > 1 else ""
 
 
-def goal_from(fields: Sequence[Field], values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
+def goal_from(
+    fields: Sequence[Field], values: Mapping[str, Any], start_z_ned_m: float = 0.0
+) -> tuple[dict[str, Any], dict[str, str]]:
     """The goal's fields from what was typed, and a sentence for each field that is wrong.
 
     Args:
         values: by field; numbers as numbers or text, a vector as a list of them, None or "" for an empty field.
+        start_z_ned_m: z, in the goal's frame, of the place above which heights are typed.
     """
     goal: dict[str, Any] = {}
     problems: dict[str, str] = {}
@@ -157,10 +175,24 @@ def goal_from(fields: Sequence[Field], values: Mapping[str, Any]) -> tuple[dict[
             problems[field.name] = str(error)
             continue
         if value is not None:
-            goal[field.name] = value
-        elif field.required:
+            goal[field.name] = _ned(field, value, start_z_ned_m)
+        elif field.required or (field.name in values and _has_number(field)):
             problems[field.name] = _missing(field)
     return goal, problems
+
+
+def _ned(field: Field, value: Any, start_z_ned_m: float) -> Any:
+    """A value with z where its height was typed."""
+    if not field.has_height:
+        return value
+    if field.kind == "vector":
+        return [*value[:-1], round(start_z_ned_m - value[-1], 3)]
+    return round(start_z_ned_m - value, 3)
+
+
+def _has_number(field: Field) -> bool:
+    """Whether a field that is left out stands for a number: emptied by a person, it must not fly with that."""
+    return field.kind in ("number", "integer") and field.default is not None
 
 
 def _missing(field: Field) -> str:
@@ -221,7 +253,7 @@ def named_field(reason: str, fields: Sequence[Field]) -> str:
     """
     found: list[tuple[int, int, str]] = []
     for field in fields:
-        for word in {field.name, field.label, *AREA_WORDS.get(field.kind, ())}:
+        for word in {field.name, field.label, *(("z",) if field.has_height else ()), *AREA_WORDS.get(field.kind, ())}:
             match = re.search(rf"(?<![\w.]){re.escape(word)}(?![\w])", reason.replace("$.", " "))
             if match is not None:
                 found.append((match.start(), -len(word), field.name))

@@ -139,9 +139,9 @@ class Goals:
         if own_id and view.goal_id.startswith(f"{own_id}-"):
             return "sent from another page of this ground station"
         if not view.clients:
-            mission_id, *step = view.goal_id.rsplit(".", 2)  # the mission service adds number of step and try
-            return f"sent by the mission {mission_id}" if len(step) == 2 else "its client is gone"
-        return f"sent by client {', '.join(view.clients)}"
+            is_step = view.goal_id.count(".") >= 2  # the mission service adds number of step and try
+            return "sent by a mission" if is_step else "its sender is gone"
+        return "sent by another program" if len(view.clients) == 1 else "sent by several other programs"
 
     def progress(self, now_s: float, own_id: str = "", own_goals: Collection[str] = ()) -> dict[str, Any] | None:
         """Progress of the goal in charge, whoever sent it; None without one."""

@@ -57,13 +57,13 @@ def compass_point(heading_deg: float) -> str:
     return COMPASS[2 * round(heading_deg / 45.0) % 16]
 
 
-def flight_readings(status: Status | None, age_s: float | None, home_z_ned_m: float | None) -> list[Reading]:
+def flight_readings(status: Status | None, age_s: float | None, start_z_ned_m: float) -> list[Reading]:
     """Attitude, heights, speeds, battery and position.
 
     Args:
         status: newest status, with its odometry.
         age_s: age of the status.
-        home_z_ned_m: z of the place where the vehicle armed; None when nobody saw it arm.
+        start_z_ned_m: z of the place from which the height is counted.
     """
     odometry = None if status is None else status.odometry
     battery = None if status is None else status.battery
@@ -75,18 +75,16 @@ def flight_readings(status: Status | None, age_s: float | None, home_z_ned_m: fl
         if all(map(isfinite, odometry.q_ned_from_frd)):
             roll_deg, pitch_deg, yaw_deg = (degrees(angle) for angle in euler_from_quat(odometry.q_ned_from_frd))
             heading_deg = yaw_deg % 360.0
-    height_m = None if pos_m is None else altitude_m(pos_m[2] - (home_z_ned_m or 0.0))
+    height_m = None if pos_m is None else altitude_m(pos_m[2] - start_z_ned_m)
     remaining = None if battery is None else battery.remaining
-    home = "over " + ("start" if home_z_ned_m is None else "home")
     return [
         reading("heading", heading_deg, "°" if heading_deg is None else f"° {compass_point(heading_deg)}", age_s, 0),
-        reading(home, height_m, "m", age_s, 2),
+        reading("height", height_m, "m", age_s, 2),
         reading("speed", None if vel_mps is None else hypot(vel_mps[0], vel_mps[1]), "m/s", age_s),
         reading("climb", None if vel_mps is None else -vel_mps[2], "m/s", age_s),
         reading("battery", None if remaining is None else 100.0 * remaining, "%", age_s, 0),
         reading("north", None if pos_m is None else pos_m[0], "m", age_s, 2),
         reading("east", None if pos_m is None else pos_m[1], "m", age_s, 2),
-        reading("down", None if pos_m is None else pos_m[2], "m", age_s, 2),
         reading("position σ", None if odometry is None else odometry.std_pos_m, "m", age_s, 2),
         reading("roll", roll_deg, "°", age_s),
         reading("pitch", pitch_deg, "°", age_s),

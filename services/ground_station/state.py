@@ -6,6 +6,7 @@ lost, also when vehicle time stands still.
 
 from contextlib import suppress
 from dataclasses import asdict
+from math import inf, isfinite
 from typing import Any
 
 import msgspec
@@ -16,10 +17,12 @@ from jezero.schemas import topics
 from jezero.schemas.actions import FeedbackMessage
 from jezero.schemas.fence import FenceState
 from jezero.schemas.health import ServiceHealth
+from jezero.schemas.preflight import PreflightReport
 from jezero.schemas.rows import Topic
 from jezero.schemas.state import Status
 from jezero.schemas.struct import Message
 from jezero.services.ground_station.events import EventLog
+from jezero.services.ground_station.flight_end import FlightEndDetector
 from jezero.services.ground_station.goals import Goals
 from jezero.services.ground_station.landing import landing_view
 from jezero.services.ground_station.readings import (
@@ -38,17 +41,21 @@ from jezero.services.ground_station.scene import (
     rover_pose,
     vehicle_pose,
 )
-from jezero.services.ground_station.words import activity, duration, in_charge, wind_words
+from jezero.services.ground_station.words import duration, in_charge, in_words, state_words, wind_words
 
 WATCHED = (
     topics.ALTIMETER, topics.GNSS, topics.RELATIVE, topics.ROVER_ESTIMATE, topics.CAMERA_PITCH, topics.FENCE,
 )  # fmt: skip
 """Topics that are read only while somebody looks."""
-SHOWN = (*WATCHED, topics.STATUS)
-"""Topics that the pages show, besides the feedback of each action and the health of each service."""
+ALWAYS = (topics.STATUS, topics.PREFLIGHT)
+"""Topics that are always read, besides the feedback of each action and the health of each service."""
+SHOWN = (*WATCHED, *ALWAYS)
+"""Topics that the pages show, besides that feedback and health."""
 PHOTOS_MAX = 1000
 HEALTH_LATE_S = 3.0
 """A service publishes its health once a second."""
+PREFLIGHT_AGE_MAX_S = 30.0
+"""A vehicle that stands is checked every ten seconds."""
 
 
 class VehicleState:
@@ -57,17 +64,20 @@ class VehicleState:
     Attributes:
         events: the last events.
         goals: the goal in charge.
+        flight_end: what ended the last flight before its time.
     """
 
     def __init__(self) -> None:
         self.events = EventLog()
         self.goals = Goals()
+        self.flight_end = FlightEndDetector()
         self._newest: dict[str, tuple[float, Any]] = {}
         self._health: dict[str, tuple[float, ServiceHealth]] = {}
         self._feedback: tuple[float, FeedbackMessage[Any]] | None = None
         self._trail = ThinnedPath()
-        self._home_z_ned_m: float | None = None
         self._since_s: float | None = None
+        self._stands_since_s = -inf
+        """Since when the vehicle stands on the ground as it does now; preflight reports from before don't count."""
 
     # -- messages --
 
@@ -89,9 +99,12 @@ class VehicleState:
         self._feedback = (now_s, message)
 
     def _on_status(self, now_s: float, status: Status) -> None:
-        self.events.on_status(now_s, status)
-        self.goals.on_status(status)
         last: Status | None = self._latest(topics.STATUS)
+        if last is not None and (last.code, last.epoch_id) != (status.code, status.epoch_id):
+            self._stands_since_s = now_s
+        self.events.on_status(now_s, status, state_words(status, self._preflight(now_s)))
+        self.goals.on_status(status)
+        self.flight_end.update(now_s, status)
         if last is None or (last.code, last.in_charge, last.goal_id) != (status.code, status.in_charge, status.goal_id):
             self._since_s = now_s
         if status.odometry is None:
@@ -100,11 +113,8 @@ class VehicleState:
         if before is not None and before.epoch_id != status.odometry.epoch_id:
             self._trail.clear()
             self.goals.forget()
-            self._home_z_ned_m = None
         elif before is not None and before.reset_offset_ned_m != status.odometry.reset_offset_ned_m:
             self._trail.shift(subtract(status.odometry.reset_offset_ned_m, before.reset_offset_ned_m))
-        if last is not None and status.armed and not last.armed:
-            self._home_z_ned_m = status.odometry.pos_uav_ned_m[2]
         if status.armed:
             self._trail.add(status.odometry.pos_uav_ned_m)
 
@@ -115,6 +125,14 @@ class VehicleState:
     def _age_s(self, topic: Topic[Any], now_s: float) -> float | None:
         entry = self._newest.get(topic.name)
         return None if entry is None else now_s - entry[0]
+
+    def _preflight(self, now_s: float) -> PreflightReport | None:
+        """Newest preflight report; None without a fresh one since the vehicle stands on the ground."""
+        age_s = self._age_s(topics.PREFLIGHT, now_s)
+        if age_s is None or age_s > min(PREFLIGHT_AGE_MAX_S, now_s - self._stands_since_s):
+            return None
+        report: PreflightReport = self._latest(topics.PREFLIGHT)
+        return report
 
     @property
     def epoch_id(self) -> int | None:
@@ -135,6 +153,17 @@ class VehicleState:
         status: Status | None = self._latest(topics.STATUS)
         odometry = None if status is None else status.odometry
         return None if odometry is None or odometry.origin_deg is None else odometry.origin_deg[:2]
+
+    @property
+    def start_z_ned_m(self) -> float:
+        """z of the place from which heights are counted: where the vehicle stood before it was armed, or where it
+        stands. While that is not known it is the world's origin, near which the vehicle stood at first."""
+        status: Status | None = self._latest(topics.STATUS)
+        if status is not None and status.takeoff_ned_m is not None:
+            return status.takeoff_ned_m[2]
+        odometry = None if status is None or status.armed or not status.landed else status.odometry
+        z_ned_m = 0.0 if odometry is None else odometry.pos_uav_ned_m[2]
+        return z_ned_m if isfinite(z_ned_m) else 0.0
 
     @property
     def rover_ned_m(self) -> list[float] | None:
@@ -158,20 +187,26 @@ class VehicleState:
         if status is None or age_s is None:
             reason = link_problem or "No vehicle bridge publishes a status: is the stack up? (jezero ps)"
             return {"words": "No vehicle", "tone": "lost", "charge": "", "since": "", "why": reason}
-        since = "" if self._since_s is None else f"for {duration(now_s - self._since_s)}"
+        state = state_words(status, self._preflight(now_s))
         if age_s > LATE_S:
-            silent = f"No status for {duration(age_s)}; the last one was: {activity(status)}."
+            silent = f"The vehicle is silent for {duration(age_s)}; its last state was: {state.words}."
             why = f"{silent} {link_problem}".strip()
             return {"words": "Link lost", "tone": "lost", "charge": "", "since": "", "why": why}
-        why = status.text if status.ready else status.not_ready_reason or status.text
+        since = "" if self._since_s is None else f"for {duration(now_s - self._since_s)}"
         return {
-            "words": activity(status), "tone": _tone(status), "charge": in_charge(status), "since": since, "why": why,
+            "words": state.words, "tone": state.tone, "charge": in_charge(status), "since": since,
+            "why": in_words(state.why or status.text),
         }  # fmt: skip
+
+    def notice(self, now_s: float) -> str:
+        """What ended the last flight, with its age, until somebody takes note of it; "" for nothing."""
+        end = self.flight_end.newest
+        return "" if end is None else f"{in_words(end.words)} ({duration(now_s - end.t_s)} ago)"
 
     def readings(self, now_s: float) -> list[dict[str, Any]]:
         """The instruments, in the order in which they are shown."""
         status, age_s = self._latest(topics.STATUS), self._age_s(topics.STATUS, now_s)
-        rows: list[Reading] = flight_readings(status, age_s, self._home_z_ned_m)
+        rows: list[Reading] = flight_readings(status, age_s, self.start_z_ned_m)
         rows.insert(2, ground_reading(self._latest(topics.ALTIMETER), self._age_s(topics.ALTIMETER, now_s)))
         rows += gnss_readings(self._latest(topics.GNSS), self._age_s(topics.GNSS, now_s))
         rows += rover_readings(
@@ -187,7 +222,7 @@ class VehicleState:
             silent = now_s - t_s > HEALTH_LATE_S
             state = "silent" if silent else health.state
             text = f"no health for {duration(now_s - t_s)}; the last was: {health.text}" if silent else health.text
-            rows.append({"name": name.replace("_", " "), "state": state, "text": text})
+            rows.append({"name": name.replace("_", " "), "state": state, "text": in_words(text)})
         return rows
 
     def event_rows(self, now_s: float) -> list[dict[str, Any]]:
@@ -252,14 +287,6 @@ class VehicleState:
         view = self.goals.view
         images = [] if view is None else list(view.images.values())[-PHOTOS_MAX:]
         return [rounded(image.pos_camera_ned_m) for image in images]
-
-
-def _tone(status: Status) -> str:
-    if status.in_charge in ("external", "failsafe"):
-        return "bad"
-    if not status.ready:
-        return "warning"
-    return "flying" if status.armed else "good"
 
 
 def _typed(message: FeedbackMessage[Any]) -> FeedbackMessage[Any]:

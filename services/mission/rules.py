@@ -17,7 +17,7 @@ def somebody_else(status: Status, mission_id: str) -> str:
     if status.in_charge in ("external", "failsafe"):
         return f"somebody else has control: {status.text}"
     if status.in_charge == "goal" and not flies_goal_of(status, mission_id):
-        return f"goal {status.goal_id} of another client is in charge"
+        return f"the goal {status.action.replace('_', ' ')} of another client is in charge"
     return ""
 
 

@@ -5,7 +5,7 @@ Each check is a function from the readings of one round to a `Check`.
 
 from jezero.fence_geometry import nearest
 from jezero.schemas.preflight import Check, CheckName, Verdict
-from jezero.schemas.state import StatusCode
+from jezero.schemas.state import STATUS_WORDS, StatusCode
 from jezero.schemas.topics import CLOCK, FENCE, STATUS
 from jezero.services.preflight.readings import Readings
 
@@ -28,7 +28,9 @@ def check_autopilot(readings: Readings) -> Check:
     if status is None:
         return _check("autopilot", "failed", "the vehicle bridge publishes no status: is it running?")
     if not status.ready:
-        return _check("autopilot", "failed", status.not_ready_reason or f"the status is {status.name}")
+        return _check(
+            "autopilot", "failed", status.not_ready_reason or f"the vehicle {STATUS_WORDS[StatusCode(status.code)]}"
+        )
     if status.code == StatusCode.IDLE:
         return _check("autopilot", "passed", f"its arming checks pass in mode {status.autopilot_mode}")
     return _check("autopilot", "passed", f"it flies, in mode {status.autopilot_mode}")

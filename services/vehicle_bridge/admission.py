@@ -8,7 +8,7 @@ from typing import get_args
 from jezero.frames import Vec3, altitude_m, horizontal
 from jezero.schemas.commands import Acquire, Hover, Phase, Release, Setpoint
 from jezero.schemas.preflight import Override
-from jezero.schemas.state import StatusCode
+from jezero.schemas.state import STATUS_WORDS, StatusCode
 from jezero.schemas.topics import ACTIONS
 from jezero.services.vehicle_bridge.resets import ResetHistory
 from jezero.services.vehicle_bridge.transitions import CODE_OF, is_allowed
@@ -59,8 +59,8 @@ class Grant:
 
     @property
     def name(self) -> str:
-        """Name for people, e.g. "go_to g-17"; servers' own ids begin with the action."""
-        return self.goal_id if self.goal_id.startswith(self.action) else f"{self.action} {self.goal_id}"
+        """Name for people, e.g. "the goal go to"."""
+        return f"the goal {in_words(self.action)}"
 
     def follow(self, setpoint: Setpoint, vehicle: VehicleSnapshot) -> str:
         """Note an accepted setpoint; returns the event of a pause or hover that begins or ends, for people, or ""."""
@@ -72,9 +72,14 @@ class Grant:
         return f"{self.name} is paused" if self.paused else f"{self.name} goes on"
 
 
+def in_words(name: str) -> str:
+    """The name of an action or a phase for people, e.g. "land on spot"."""
+    return name.replace("_", " ")
+
+
 def status_words(code: StatusCode) -> str:
     """The status for people, as a clause."""
-    return f"the status is {int(code)} ({code.name})"
+    return f"the vehicle {STATUS_WORDS[code]}"
 
 
 def phase_of(action: str) -> Phase:
@@ -117,18 +122,18 @@ def _acquire_refusals(
     takes_off = phase is Phase.TAKEOFF
     moves = phase is Phase.GO_TO
     if holder is not None:
-        yield f"{holder.name} is in charge, {status}: wait for it or abort it"
+        yield f"{holder.name} is in charge: wait for it or abort it"
     if code is StatusCode.EXTERNAL:
         yield f"{status}: {text}. Wait until it is disarmed, or take control back with hover"
     if code not in (StatusCode.IDLE, StatusCode.HOVER):
-        yield f"goals are accepted in 0 (IDLE) and 3 (HOVER) only, {status}: try again when it has changed"
+        yield f"goals are accepted on the ground and in a hover only, and {status}: try again when that has changed"
     if code is StatusCode.HOVER and takes_off:
-        yield f"takeoff needs a vehicle on the ground (0), {status}: it flies already"
+        yield f"a takeoff needs a vehicle on the ground, and {status}: it flies already"
     if code is StatusCode.HOVER and vehicle.telemetry_age_s > LINK_TIMEOUT_S:
-        yield f"the autopilot's telemetry has been missing for {vehicle.telemetry_age_s:.1f} s, {status}: wait for it"
+        yield f"the autopilot's telemetry has been missing for {vehicle.telemetry_age_s:.1f} s: wait for it"
     if code is StatusCode.IDLE and not takes_off and not (moves and request.do_takeoff):
         hint = ", or let the goal begin with a takeoff" if moves else ""
-        yield f"{request.action} needs a hovering vehicle (3), {status}: take off first{hint}"
+        yield f"{in_words(request.action)} needs a hovering vehicle, and {status}: take off first{hint}"
     if code is StatusCode.IDLE and vehicle.not_ready_reason:
         yield f"not ready to take off: {vehicle.not_ready_reason}"
     if code is StatusCode.IDLE and (failed := _checks_in_words(request, vehicle, overridden=False)):
@@ -160,14 +165,14 @@ def setpoint_refusal(
     age_ns, phase, pos_ned_m = vehicle.t_ns - setpoint.t_ns, setpoint.phase, setpoint.pos_ned_m
     next_code, counter = CODE_OF.get(phase), setpoint.reset_counter
     if holder is None or setpoint.control_id != holder.control_id:
-        return f"control {setpoint.control_id} is not in charge"
+        return "its control is not in charge"
     refusal = None
     if setpoint.sequence <= holder.sequence:
         refusal = f"sequence {setpoint.sequence} after {holder.sequence}"
     elif not -MAX_LEAD_NS <= age_ns <= MAX_AGE_NS:
         refusal = f"{age_ns * 1e-9:.3f} s old; accepted are {-MAX_LEAD_NS * 1e-9:g} to {MAX_AGE_NS * 1e-9:g} s"
     elif next_code is None or phase not in holder.phases or (next_code is not code and not is_allowed(code, next_code)):
-        refusal = f"phase {phase} of {holder.action} in status {code.name}"
+        refusal = f"the phase {in_words(phase)} of {holder.name} while {status_words(code)}"
     elif pos_ned_m is None and setpoint.vel_ned_mps is None:
         refusal = "neither a position nor a velocity"
     elif pos_ned_m is not None and counter != resets.counter and resets.step_since(counter) is None:
@@ -220,17 +225,17 @@ def _hover_refusals(
     if not request.hover_req:
         yield "hover_req is false: a goal in charge ends a hover, nothing else does"
     if request.hover_pos is not None and code is not StatusCode.HOVER:
-        yield f"a hover point can be given only while hovering (3), {status}"
+        yield f"a hover point can be given only while hovering, and {status}"
     if code is StatusCode.IDLE and vehicle.armed is None:
         yield f"the autopilot has not reported the vehicle's state yet: {vehicle.not_ready_reason}"
     if code is StatusCode.IDLE:
-        yield f"the vehicle stands on the ground, {status}: take off first"
+        yield "the vehicle stands on the ground: take off first"
     if code is StatusCode.LANDING_DONE or (code is StatusCode.ABORT and vehicle.landed):
-        yield f"the vehicle stands on the ground and is being disarmed, {status}"
+        yield "the vehicle stands on the ground and is being disarmed"
     if code is StatusCode.EXTERNAL and (killing or not vehicle.armed or vehicle.landed):
-        yield f"control can be taken back in the air only, {status}: {text}"
+        yield f"control can be taken back in the air only, and {status}: {text}"
     if code is StatusCode.EXTERNAL and (age_s > LINK_TIMEOUT_S or vehicle.pos_ned_m is None):
-        yield f"control can't be taken back without telemetry, missing for {age_s:.1f} s, {status}"
+        yield f"control can't be taken back without telemetry, which has been missing for {age_s:.1f} s"
     if request.hover_pos is not None:
         yield from _point_refusals(request.hover_pos, limits)
 

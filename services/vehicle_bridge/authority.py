@@ -106,7 +106,8 @@ class Authority:
             if self.code is StatusCode.IDLE:
                 self._engagement.start(vehicle)
             because = f"; {grant.overriding}" if grant.overriding else ""
-            self.text = f"{grant.name}: {setpoint.phase}{because}"
+            takes_off_first = code is StatusCode.TAKEOFF and grant.action != setpoint.phase
+            self.text = f"{grant.name} {'begins with a takeoff' if takes_off_first else 'has begun'}{because}"
             self._set_code(code, vehicle)
         return None
 
@@ -258,7 +259,8 @@ class Authority:
         if vehicle.landed and self.code is StatusCode.TAKEOFF and self.grant is not None:
             self._revoke(f"{self.grant.name} ended: the autopilot disarmed before lift-off{because}", vehicle)
         else:
-            self._lose_control("failsafe", f"the autopilot disarmed in status {self.code.name}{because}", vehicle)
+            doing = admission.status_words(self.code)
+            self._lose_control("failsafe", f"the autopilot disarmed while {doing}{because}", vehicle)
 
     def _advance(self, vehicle: VehicleSnapshot) -> Command | None:
         """Change the code where time or the vehicle's state says so; returns the command to the autopilot."""

@@ -26,12 +26,12 @@ class GoalHistory:
         """Reason why this goal may not have control any more, None when it may."""
         goal_id = request.goal_id
         if goal_id in self._flown:
-            return f"goal {goal_id} has flown already, and a goal runs once: send it with a new id"
+            return "this goal has flown already, and a goal runs once: send it with a new id"
         started_ns = vehicle.t_ns - vehicle.timer_ns
         if request.goal_issued_t_ns is not None and request.goal_issued_t_ns < started_ns:
-            return f"goal {goal_id} is from before the bridge started and may have flown: send it with a new id"
+            return "this goal is from before the bridge started and may have flown: send it with a new id"
         if request.goal_t_ns is not None and self.last_abort_ns is not None and request.goal_t_ns <= self.last_abort_ns:
-            return f"goal {goal_id} came before the last abort: send it again"
+            return "this goal came before the last abort: send it again"
         return None
 
     def add_flown(self, goal_id: str) -> None:
@@ -49,4 +49,4 @@ class GoalHistory:
 
     def end_reason(self, control_id: str) -> str | None:
         """Reason why control ended, None where its owner released it."""
-        return self._end_reasons.get(control_id, f"control {control_id} was never given")
+        return self._end_reasons.get(control_id, "this control was never given")

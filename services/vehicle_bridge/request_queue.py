@@ -82,7 +82,7 @@ class RequestQueue:
         if request.vehicle != self._name and (refusal := self._kill_refusal(request.vehicle, vehicle)):
             return KillReply(killed=False, reason=refusal)
         self._authority.interventions += 1
-        self._authority.kill("killed on request", vehicle)
+        self._authority.kill("motors cut on request", vehicle)
         return None
 
     def _kill_refusal(self, named: str, vehicle: VehicleSnapshot) -> str:

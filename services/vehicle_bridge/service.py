@@ -27,6 +27,7 @@ from jezero.schemas.topics import (
     STATUS,
     UNKNOWN_ACTION,
 )
+from jezero.services.vehicle_bridge.admission import status_words
 from jezero.services.vehicle_bridge.authority import Authority
 from jezero.services.vehicle_bridge.autopilot_link import AutopilotLink
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
@@ -379,7 +380,7 @@ class VehicleBridge:
 
     def _publish_health(self, vehicle: VehicleSnapshot) -> Iterator[Output]:
         state: ServiceState = "ok"
-        text = f"{self._authority.code.name}, linked"
+        text = f"{status_words(self._authority.code)}; the autopilot is linked"
         if vehicle.telemetry_age_s > LINK_TIMEOUT_S or self._epoch_id is None:
             state = "starting" if self._link.telemetry.received_wall_ns is None else "degraded"
             text = self._not_ready_reason(vehicle.telemetry_age_s) or ""

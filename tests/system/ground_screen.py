@@ -90,8 +90,14 @@ class Screen:
         cursor = "crosshair" if action in CLICKED else "grab"
         expect(self.page.locator(".map canvas")).to_have_css("cursor", cursor)
 
+    def plan(self, action: str) -> None:
+        """Press the button of a form for the first time, which plans the goal."""
+        self.marked(f"fly-{action}").click()
+
     def send(self, action: str) -> None:
-        """Press the button that flies a form."""
+        """Plan the goal of a form, and confirm it."""
+        self.plan(action)
+        self.has(f"fly-{action}", "Confirm")
         self.marked(f"fly-{action}").click()
 
     def fly(self, action: str) -> None:

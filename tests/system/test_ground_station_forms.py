@@ -50,6 +50,14 @@ PLAN = PlanReply(
         photographed=0.97,
     ),
 )
+WAY = PlanReply(
+    accepted=True,
+    duration_s=34.0,
+    distance_m=41.0,
+    battery_used=0.05,
+    path_ned_m=((1.0, 2.0, -2.0), (1.0, 2.0, -6.0), (1.0, 40.0, -6.0)),
+)
+WAY_WORDS = "Confirm: 34 s, 41 m, 5 % of the battery, up to 6 m"
 OUTLINE_PX = ((-60.0, -60.0), (-60.0, 60.0), (60.0, 60.0), (60.0, -60.0))
 HOLE_PX = ((20.0, 20.0), (20.0, 45.0), (45.0, 45.0))
 FIELD = '{"type": "Polygon", "coordinates": [[[0, 0], [0, 1], [1, 1], [0, 0]]]}'
@@ -81,7 +89,10 @@ def serve(server: Server) -> None:
     goal = {"target_ned_m": [5.0, 0.0, -3.0], "frame": "world"}
     server.serve(GO_TO.running.name, RunningGoal(action="go_to", goal_id="theirs-1", clients=("theirs",), goal=goal))
     server.serve(GO_TO.cancel.name, CancelReply(canceled=True))
-    server.serve(TAKEOFF.endpoint.name, Rejected(reason="altitude 9000 m is not within 0.5 to 120 m above the ground"))
+    server.serve(GO_TO.plan.name, WAY)
+    server.serve(GO_TO.endpoint.name, Rejected(reason="another goal flies"))
+    too_high = "altitude 9000 m is not within 0.5 to 120 m above the ground"
+    server.serve(TAKEOFF.plan.name, PlanReply(accepted=False, reason=too_high))
     server.serve(AREA_COVERAGE.plan.name, PLAN)
     server.serve(topics.HOVER.name, HoverReply(hover_mode=True))
     server.serve(topics.ABORT.name, AbortReply(hovering=True))
@@ -108,12 +119,12 @@ def screen(served: tuple[Screen, Server]) -> Screen:
 @pytest.mark.long
 def test_a_refusal_stands_at_the_field_that_it_is_about(screen: Screen) -> None:
     screen.choose("takeoff")
-    for typed, reason in (("9000", "120"), ("high", "'high' is no number")):
+    for typed, reason in (("9000", "120"), ("high", "'high' is no number"), ("", "altitude is needed")):
         screen.type_in(takeoff__altitude_m=typed)
-        screen.send("takeoff")
+        screen.plan("takeoff")
         screen.has("problem-takeoff-altitude_m", reason)
     screen.choose("area_coverage")
-    screen.send("area_coverage")
+    screen.plan("area_coverage")
     screen.has("problem-area_coverage-polygon_ned_m", "Draw the area on the map")
 
 
@@ -160,9 +171,9 @@ def test_another_clients_goal_is_shown_and_is_ended_by_button_and_by_keys_whatev
     screen, server = served
     screen.choose("takeoff")
     screen.has("goal", "go to")
-    screen.has("goal-owner", "sent by client theirs")
+    screen.has("goal-owner", "sent by another program")
     screen.marked("goal-cancel").click()
-    screen.tells("go to (sent by client theirs) is canceled")
+    screen.tells("go to (sent by another program) is canceled")
     screen.marked("fly-takeoff").focus()
     screen.page.keyboard.press("Space")
     screen.tells("The vehicle hovers")
@@ -174,11 +185,42 @@ def test_another_clients_goal_is_shown_and_is_ended_by_button_and_by_keys_whatev
     assert [name for name, _ in asked[1:]] == [topics.HOVER.name, topics.ABORT.name]
 
 
+def test_a_goal_is_flown_by_a_second_click_on_its_plan_and_by_nothing_else(served: tuple[Screen, Server]) -> None:
+    screen, server = served
+
+    def requests(key: str) -> int:
+        return sum(name == key for name, _, _ in server.asked)
+
+    aborts = requests(topics.ABORT.name)
+    screen.choose("go_to")
+    screen.click_map(20.0, 40.0)
+    for withdrawal in ("type", "Escape", "Back"):
+        screen.plan("go_to")
+        screen.has("fly-go_to", WAY_WORDS)
+        if withdrawal == "type":
+            screen.marked("go_to-target_ned_m-north").fill("2")
+        elif withdrawal == "Escape":
+            screen.page.keyboard.press("Escape")
+        else:
+            screen.marked("back-go_to").click()
+        expect(screen.marked("fly-go_to")).to_have_text("Fly")
+    screen.marked("fly-go_to").dblclick()
+    screen.has("fly-go_to", WAY_WORDS)
+    for mark in ("fly-go_to", "go_to-target_ned_m-north"):
+        screen.marked(mark).focus()
+        screen.page.keyboard.press("Enter")
+    assert requests(GO_TO.endpoint.name) == 0
+    assert requests(topics.ABORT.name) == aborts
+    screen.marked("fly-go_to").click()
+    screen.has("problem-go_to", "another goal flies")
+    assert requests(GO_TO.endpoint.name) == 1
+
+
 def test_a_click_on_the_map_sets_the_target_and_a_landing_asks_for_what_its_case_needs(screen: Screen) -> None:
     screen.choose("go_to")
     screen.click_map(20.0, 40.0)
     expect(screen.marked("go_to-target_ned_m-north")).not_to_have_value("")
-    expect(screen.marked("go_to-target_ned_m-down")).to_have_value("-3")
+    expect(screen.marked("go_to-target_ned_m-height")).to_have_value("3")
     screen.choose("land_on_spot")
     north = screen.marked("land_on_spot-landing_spot_ned_m-north")
     expect(north).not_to_be_visible()
@@ -189,7 +231,7 @@ def test_a_click_on_the_map_sets_the_target_and_a_landing_asks_for_what_its_case
 def test_the_page_is_as_it_was_when_it_is_loaded_again(screen: Screen) -> None:
     before = screen.rings()
     screen.page.reload()
-    screen.has("goal-owner", "sent by client theirs")
+    screen.has("goal-owner", "sent by another program")
     expect(screen.marked("land_on_spot-case")).to_be_visible()
     expect(screen.page.locator(".map canvas")).to_be_visible()
     screen.choose("area_coverage")

@@ -67,7 +67,7 @@ def test_the_page_survives_restarts_of_bridge_and_router(screen: Screen) -> None
 
 def test_a_goal_goes_on_while_the_ground_station_is_restarted_and_is_shown_afterwards(screen: Screen) -> None:
     screen.choose("go_to")
-    screen.type_in(go_to__target_ned_m__north="30", go_to__target_ned_m__east="0", go_to__target_ned_m__down="-3")
+    screen.type_in(go_to__target_ned_m__north="30", go_to__target_ned_m__east="0", go_to__target_ned_m__height="3")
     screen.page.get_by_text("More settings").locator("visible=true").click()
     screen.type_in(go_to__speed_mps="0.5")
     screen.send("go_to")
@@ -78,7 +78,7 @@ def test_a_goal_goes_on_while_the_ground_station_is_restarted_and_is_shown_after
     expect(screen.page.get_by_text("Connection lost")).not_to_be_visible(timeout=FLIGHT_TIMEOUT_MS)
     assert screen.stack.processes()["ground_station"] != before
     screen.shows("Flying to a point")
-    screen.has("goal-owner", "its client is gone")
+    screen.has("goal-owner", "its sender is gone")
     screen.page.keyboard.press("Escape")
     screen.shows("Hovering")
     assert not screen.foreign

@@ -2,7 +2,7 @@
 
 from jezero.runtime.service import Inbox
 from jezero.schemas.commands import AcquireReply
-from jezero.schemas.state import Clock, Status, StatusCode
+from jezero.schemas.state import STATUS_WORDS, Clock, Status, StatusCode
 from jezero.schemas.topics import CLOCK, STATUS
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.lifecycle.vehicle_view import STATUS_AGE_MAX_S
@@ -79,7 +79,7 @@ class ControlLease:
             return ""
         if ours and status.code not in (StatusCode.ABORT, StatusCode.EXTERNAL):
             return ""
-        return status.text or f"control was taken away (status {status.code} {status.name})"
+        return status.text or f"control was taken away, the vehicle {STATUS_WORDS[StatusCode(status.code)]}"
 
     def _connection_loss(self, t_ns: int, inbox: Inbox) -> str:
         """Reason why the bridge is silent or the vehicle is another one, or ""."""

@@ -170,7 +170,7 @@ class GoalRun:
         stage = self._stage
         if self._cancel_reason or not isinstance(stage, GoalFlight) or stage.stage != "flying":
             return self._not_flying
-        return "" if stage.resume() else f"goal {self.goal_id} is not paused"
+        return "" if stage.resume() else "the goal is not paused"
 
     def modify(self, t_ns: int, wanted: Request, planner: GuardedPlanner, inbox: Inbox) -> str:
         """Change fields of the goal; returns the reason why they can't change, or "" where the reply follows later."""
@@ -178,7 +178,7 @@ class GoalRun:
         if self._cancel_reason or not isinstance(stage, GoalFlight) or stage.stage != "flying" or status is None:
             return self._not_flying
         if self._modification is not None:
-            return f"goal {self.goal_id} is being modified: send the request again in a moment"
+            return "the goal is being modified: send the request again in a moment"
         goal = changed_goal(self._context.action, self.goal, wanted.payload.fields)
         if isinstance(goal, Refusal):
             return goal.reason
@@ -206,7 +206,7 @@ class GoalRun:
     def _not_flying(self) -> str:
         """Reason why the goal can be neither paused nor modified."""
         ends = self._cancel_reason or self.stage in ("releasing", "over")
-        return f"goal {self.goal_id} is ending already" if ends else f"goal {self.goal_id} does not fly yet"
+        return "the goal is ending already" if ends else "the goal does not fly yet"
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """Go on with the present stage."""

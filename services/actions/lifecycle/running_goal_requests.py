@@ -85,7 +85,7 @@ def _last_ns(last: tuple[str, int], goal_id: str) -> int:
 def not_running_reason(goal_id: str, results: Mapping[str, Result[Any]], action: str) -> str:
     """Reason why nothing can be done with a goal that doesn't run."""
     if goal_id in results:
-        return f"goal {goal_id} has already {results[goal_id].outcome}"
+        return f"the goal has already {results[goal_id].outcome}"
     return f"no goal {goal_id} is known to {action}"
 
 

@@ -11,7 +11,7 @@ from jezero.schemas.actions import Accepted, CancelReply, PlanReply, Rejected, R
 from jezero.schemas.goals import Goal
 from jezero.schemas.images import GetImage
 from jezero.schemas.rows import Action
-from jezero.schemas.state import Status
+from jezero.schemas.state import STATUS_WORDS, Status, StatusCode
 from jezero.schemas.topics import (
     ACQUIRE,
     ALTIMETER,
@@ -258,7 +258,7 @@ class ActionServer:
             another = bool(client_id) and client_id not in self._run.clients
             if self._run.cancel(f"canceled by another client, {client_id}" if another else "canceled by a client"):
                 return CancelReply(canceled=True)
-            return CancelReply(canceled=False, reason=f"goal {goal_id} is ending already")
+            return CancelReply(canceled=False, reason="the goal is ending already")
         if goal_id not in self._results:
             self._canceled_early.append(goal_id)
         return CancelReply(canceled=False, reason=not_running_reason(goal_id, self._results, self._action.name))
@@ -280,7 +280,7 @@ class ActionServer:
         if not is_fresh(status, t_ns, STATUS_AGE_MAX_S):
             return Health("degraded", "the vehicle's status doesn't arrive any more")
         if self._run is not None:
-            return Health("ok", f"{self._run.stage} goal {self._run.goal_id}")
+            return Health("ok", f"{self._run.stage} a goal")
         return Health("ok", "ready for a goal")
 
 
@@ -288,5 +288,7 @@ def _busy(run: GoalRun, action: str, status: Status) -> str:
     """Reason why a goal can't start beside the present one."""
     if run.plan_only:
         return "busy: another goal is being planned; try again in a second"
-    running = f"goal {run.goal_id} of {action} is running (status {status.code} {status.name})"
-    return f"busy: {running}; cancel it or wait for its result"
+    words = (
+        f"another goal {action.replace('_', ' ')} is running, and the vehicle {STATUS_WORDS[StatusCode(status.code)]}"
+    )
+    return f"busy: {words}; cancel it or wait for its result"

@@ -4,13 +4,12 @@ import time
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
 
-from nicegui import ui
-
 from jezero.aio import JezeroError, Refused, Vehicle, Wheel
 from jezero.schemas.actions import PlanReply
 from jezero.schemas.rows import Action
-from jezero.services.ground_station.events import Tone
 from jezero.services.ground_station.web.pilot_link import PilotLink
+from jezero.services.ground_station.web.toast import show_toast
+from jezero.services.ground_station.words import Tone
 
 
 class Commands:
@@ -50,6 +49,14 @@ class Commands:
         """Stop the motors, also in the air: the button that was held names the vehicle."""
         name = self._feed.vehicle
         await self._request("Kill", lambda uav: uav.kill(confirm=True, vehicle=name), "The motors are stopped")
+
+    async def take_note(self) -> None:
+        """Take note of what ended the last flight, for all pages."""
+        if self._feed.refusal:
+            self._note("bad", f"Noted failed: {self._feed.refusal}")
+        elif (end := self._feed.state.flight_end.newest) is not None:
+            self._feed.state.flight_end.take_note()
+            self._feed.state.events.add(time.monotonic(), "plain", f"Noted: {end.words}")
 
     async def cancel(self, action: str, goal_id: str, owner: str) -> None:
         """Cancel a goal of whichever client; its owner is named in words."""
@@ -125,5 +132,4 @@ class Commands:
     def _note(self, tone: Tone, text: str) -> None:
         if not self._feed.refusal:  # who watches writes nothing into the list that all pages show
             self._feed.state.events.add(time.monotonic(), tone, text)
-        kind = {"good": "positive", "plain": "info", "warning": "warning", "bad": "negative"}[tone]
-        ui.notify(text, type=kind, position="top")  # type: ignore[arg-type]
+        show_toast(tone, text)

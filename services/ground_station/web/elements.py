@@ -83,7 +83,7 @@ class Camera(Element, component="static/camera.js"):
 
 
 class Keys(Element, component="static/keys.js"):
-    """Space and Esc, wherever the focus is; it emits `hover` and `abort`."""
+    """Space and Esc, wherever the focus is; it emits `hover`, `abort`, and `close` for a goal to be confirmed."""
 
 
 class HoldButton(Element, component="static/hold_button.js"):
@@ -95,4 +95,4 @@ class HoldButton(Element, component="static/hold_button.js"):
 
 
 class Watchdog(Element, component="static/watchdog.js"):
-    """Tells when nothing comes from the server any more."""
+    """Says in the place of the state that nothing comes from the server any more, and turns the page grey."""

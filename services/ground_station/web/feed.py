@@ -7,11 +7,10 @@ from typing import Any
 from jezero.aio import JezeroError, Vehicle
 from jezero.router_address import shown_router
 from jezero.runtime.config import links_from_environment
-from jezero.schemas import topics
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.rows import Topic
 from jezero.schemas.terrain import Ground
-from jezero.services.ground_station.state import WATCHED, VehicleState
+from jezero.services.ground_station.state import ALWAYS, WATCHED, VehicleState
 from jezero.services.ground_station.web.coverage_map import CoverageMap
 from jezero.services.ground_station.web.stack_actions import ALL_FEEDBACK, StackActions
 
@@ -73,7 +72,7 @@ class Feed:
                 self.problem = str(error)
                 await asyncio.sleep(RETRY_S)
         self.problem = ""
-        self._always = [self._reading(topic) for topic in (ALL_FEEDBACK, topics.STATUS, ALL_HEALTH)]
+        self._always = [self._reading(topic) for topic in (ALL_FEEDBACK, ALL_HEALTH, *ALWAYS)]
         self._always += [
             asyncio.create_task(follow(self._uav)) for follow in (self.actions.follow, self.coverage_map.follow)
         ]

@@ -14,6 +14,7 @@ from jezero.services.ground_station.web.feed import Feed
 from jezero.services.ground_station.web.form import Form
 from jezero.services.ground_station.web.playback_feed import PlaybackFeed
 from jezero.services.ground_station.web.stack_actions import StackActions
+from jezero.services.ground_station.web.toast import show_toast
 
 KEPT_TIMEOUT_S = 120.0
 """A browser without a graphics card may be busy with its first view in space for long."""
@@ -64,6 +65,8 @@ class FlyPanel:
         if self._actions.version != self._version:
             self._version = self._actions.version
             self._build()
+        if self._open is not None:
+            self._open.expire()
         path = self._feed.state.goals.drawing()["path"] or self._path
         if path != self._drawn:
             self._drawn = path
@@ -74,6 +77,7 @@ class FlyPanel:
             self.area = area
             self._map.run_method("keep", "area", area.kept())
             if moved:
+                self.withdraw()
                 self._map.run_method("setArea", area.rings)
 
     def _build(self) -> None:
@@ -99,6 +103,11 @@ class FlyPanel:
     def rover_ned_m(self) -> Sequence[float] | None:
         """Position of the rover; None while it is not known."""
         return self._feed.state.rover_ned_m
+
+    @property
+    def start_z_ned_m(self) -> float:
+        """z of the place from which heights are counted."""
+        return self._feed.state.start_z_ned_m
 
     def show_plan(self, plan: PlanReply | None, origin_m: Sequence[float]) -> None:
         """Draw a plan on the map at once, and in space unless a goal is flown there.
@@ -133,7 +142,13 @@ class FlyPanel:
             if form.plan is None and len(self.area.outline) > 2:
                 await form.make_plan()
 
+    def withdraw(self) -> None:
+        """Withdraw what waits for its confirmation."""
+        if self._open is not None:
+            self._open.withdraw()
+
     def _open_form(self, name: str) -> None:
+        self.withdraw()
         self._open = self._forms[name]
         self.show_point()
 
@@ -146,9 +161,7 @@ class FlyPanel:
         if self._open.in_rover_frame:
             rover_m = self._feed.state.rover_ned_m
             if rover_m is None:
-                ui.notify(
-                    "The rover's position is not known: choose the frame world, or type the point", type="warning"
-                )
+                show_toast("warning", "The rover's position is not known: choose the frame world, or type the point")
                 return
             north_m, east_m = round(north_m - rover_m[0], 2), round(east_m - rover_m[1], 2)
         self._open.set_point(north_m, east_m)
@@ -191,7 +204,7 @@ class FlyPanel:
                 return
             area = placed(chosen, self._feed.state.origin_deg)
         except AreaFileError as error:
-            ui.notify(str(error), type="warning", position="top", timeout=10_000, multi_line=True)
+            show_toast("warning", str(error))
             return
         self._map.run_method("setArea", area.rings)
         await self._take(area)
@@ -210,4 +223,4 @@ class FlyPanel:
         try:
             ui.download.content(self.area.geojson(), "area.geojson")
         except AreaFileError as error:
-            ui.notify(str(error), type="warning", position="top")
+            show_toast("warning", str(error))

@@ -1,24 +1,29 @@
-"""The form of one action, made from the goal type as the action describes it on the bus."""
+"""The form of one action, made from the goal type as the action describes it on the bus.
 
+A goal takes two clicks: the first one plans it and draws the plan, the second one confirms the plan and flies it.
+"""
+
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from nicegui import ui
+from nicegui import events, ui
 
 from jezero.schemas.actions import ActionDescription, PlanReply
 from jezero.schemas.rows import Action
+from jezero.services.ground_station.confirmation import Confirmation
 from jezero.services.ground_station.flown_area import DrawnArea
 from jezero.services.ground_station.goal_form import CORNERS_MIN, Field, form_of, goal_from, named_field
 from jezero.services.ground_station.web.commands import Commands
-from jezero.services.ground_station.words import duration
+from jezero.services.ground_station.words import duration, in_words
 
 START: dict[str, dict[str, Any]] = {
-    "go_to": {"target_ned_m": [None, None, -3]},
-    "get_images": {"center_ned_m": [None, None, -5], "radius_m": 4, "num_images": 8},
-    "area_coverage": {"z_ned_m": -4, "overlap": 0.6},
+    "go_to": {"target_ned_m": [None, None, 3]},
+    "get_images": {"center_ned_m": [None, None, 5], "radius_m": 4, "num_images": 8},
+    "area_coverage": {"z_ned_m": 4, "overlap": 0.6},
 }
-"""What a form has at first where the goal type has no default."""
+"""What a form has at first where the goal type has no default; heights are positive up."""
 CLICKS = {
     "go_to": "Click the map or the ground: there it flies.",
     "get_images": "Click the target on the map or on the ground; it flies around it.",
@@ -88,7 +93,11 @@ class Form:
         self._problems: dict[str, Any] = {}
         self._planned: dict[str, Any] | None = None
         """The goal that was sent to be planned last; the reply to an earlier one is not shown."""
+        self._planned_typed: dict[str, Any] = {}
         self._planning = False
+        self._is_asked = False
+        """The plan that comes next is shown with the button that confirms it."""
+        self._confirmation: Confirmation | None = None
         self._origin_m: Sequence[float] | None = WORLD
         """Origin of the goal's frame in the world; None while it is not known."""
         names = {field.name for field in self.fields}
@@ -121,9 +130,10 @@ class Form:
         self._found = ui.element("div").classes("plan").props(f'data-mark="plan-{name}"')
         self._warning = ui.label().classes("form-plan")
         with ui.element("div").classes("form-buttons"):
-            ui.button("Plan", on_click=self.make_plan).props(f'no-caps outline data-mark="plan-button-{name}"')
-            fly = ui.button("Fly", on_click=self.send, color=None).props(f'no-caps unelevated data-mark="fly-{name}"')
-            fly.classes("fly")
+            self._back = ui.button("Back", on_click=self.withdraw).props(f'no-caps outline data-mark="back-{name}"')
+            self._fly = ui.button("Fly", color=None).props(f'no-caps unelevated data-mark="fly-{name}"').classes("fly")
+            self._fly.on("click", self.press, ["detail"])
+        self._back.set_visibility(False)
         self._show_case()
 
     def _is_first(self, field: Field, number: int) -> bool:
@@ -142,6 +152,7 @@ class Form:
     def _show_case(self) -> None:
         if not self._cases:
             return
+        self.withdraw()
         case = self._cases[self._case.value]
         self._case_text.set_text(case.text)
         for field in self.fields:
@@ -153,12 +164,15 @@ class Form:
         wide = field.kind in ("vector", "area", "areas", "switch")
         with ui.element("div").classes("field field-wide" if wide else "field") as row:
             self._inputs[field.name] = self._input(field)
+            if field.has_height:
+                rover = "; in the rover's frame, above the rover" if self._has_frame else ""
+                ui.label(f"Heights are above the start{rover}.").classes("field-hint")
             problem = ui.label().classes("field-problem")
             self._problems[field.name] = problem.props(f'data-mark="problem-{self.action.name}-{field.name}"')
         self._rows[field.name] = row
         for element in self._inputs[field.name]:
             element.tooltip(field.help)
-            element.on("keydown.enter", self.send)
+            element.on_value_change(self.withdraw)
             if self.draws_area:
                 element.on("blur", self.replan)
             elif field.kind == "vector" or field.name == "frame":
@@ -225,12 +239,24 @@ class Form:
             parts = [float(element.value or 0.0) for element in self._inputs[field.name]]
         except ValueError:
             return None
+        if field.has_height:
+            parts[-1] = self._start_z_ned_m - parts[-1]
         return parts if all(element.value not in (None, "") for element in self._inputs[field.name][:2]) else None
+
+    @property
+    def _has_frame(self) -> bool:
+        """Whether the goal's points can be relative to the rover."""
+        return any(field.name == "frame" for field in self.fields)
 
     @property
     def in_rover_frame(self) -> bool:
         """Whether the goal's points are relative to the rover."""
         return any(field.name == "frame" and self._inputs["frame"][0].value == "rover" for field in self.fields)
+
+    @property
+    def _start_z_ned_m(self) -> float:
+        """z of the place above which heights are typed, in the goal's frame."""
+        return 0.0 if self.in_rover_frame else float(self._panel.start_z_ned_m)
 
     def set_point(self, north_m: float, east_m: float) -> None:
         """Take a point in the form's frame as the target; its height stays."""
@@ -244,6 +270,7 @@ class Form:
 
     async def on_area(self) -> None:
         """Plan a new area at once."""
+        self.withdraw()
         self._planned = None
         self._show_plan(None)
         if len(self._panel.area.outline) >= CORNERS_MIN:
@@ -251,10 +278,15 @@ class Form:
 
     async def replan(self) -> None:
         """Plan again if the goal has changed since its plan."""
-        if self.plan is not None and self._goal() != self._planned:
+        if self.plan is not None and self._typed() != self._planned_typed:
             await self.make_plan()
 
     # -- the goal --
+
+    def _typed(self) -> dict[str, Any]:
+        """What the fields hold."""
+        values: dict[str, Any] = {name: [each.value for each in inputs] for name, inputs in self._inputs.items()}
+        return values | ({"case": self._case.value} if self._cases else {})
 
     def _goal(self) -> dict[str, Any] | None:
         area: DrawnArea = self._panel.area
@@ -273,7 +305,7 @@ class Form:
                 values[field.name] = inputs[0].value
         if self._cases:
             values |= self._cases[self._case.value].values
-        goal, problems = goal_from(self.fields, values)
+        goal, problems = goal_from(self.fields, values, self._start_z_ned_m)
         if self.draws_area and len(area.rings) > 1 and not any(field.kind == "areas" for field in self.fields):
             problems[next(field.name for field in self.fields if field.kind == "area")] = NO_HOLES
         if self.draws_area and self._origin_m is None:
@@ -295,17 +327,17 @@ class Form:
         at = named_field(reason, [field for field in self.fields if field.name in self._problems])
         shown = {at: reason} if at else dict(problems or {})
         for name, label in self._problems.items():
-            label.set_text(shown.get(name, ""))
+            label.set_text(in_words(shown.get(name, "")))
         if self._in_more & set(shown):
             self._more.open()
-        self._problem.set_text("" if at else reason)
+        self._problem.set_text("" if at else in_words(reason))
 
     async def make_plan(self) -> None:
         """Plan the goal, and show what it would take.
 
         The server plans one goal at a time and refuses another: a goal that changes meanwhile is planned afterwards.
         """
-        self._planned = self._goal()
+        self._planned, self._planned_typed = self._goal(), self._typed()
         if self._planned is None or self._planning:
             return
         self._planning = True
@@ -322,24 +354,62 @@ class Form:
             if self._planned is goal:
                 self._tell(found if isinstance(found, str) else found.reason)
                 self._show_plan(None if isinstance(found, str) else found)
+                if self.plan is not None and self._is_asked:
+                    self._ask(Confirmation(goal, self._planned_typed, self.plan, time.monotonic()))
                 return
         self._show_plan(None)
 
-    async def send(self) -> None:
-        """Send the goal."""
-        goal = self._goal()
-        if goal is None:
+    # -- the two clicks --
+
+    async def press(self, event: events.GenericEventArguments) -> None:
+        """Plan the goal and ask for a confirmation; when that is given by a click of its own, fly it.
+
+        The second click of a double click confirms nothing, and neither does a key: `detail` counts clicks.
+        """
+        confirmation = self._confirmation
+        if confirmation is not None and confirmation.holds_for(self._typed(), time.monotonic()):
+            if event.args.get("detail") == 1:
+                await self._send(confirmation)
             return
-        if self.plan is not None and self.plan.coverage is not None and self._planned == goal:
-            goal = goal | {"plan_id": self.plan.coverage.plan_id}
+        self.withdraw()
+        self._is_asked = True
+        await self.make_plan()
+
+    def withdraw(self) -> None:
+        """Withdraw the goal that waits for its confirmation."""
+        self._is_asked = False
+        if not self.draws_area:
+            self._planned = None
+        if self._confirmation is not None:
+            self._ask(None)
+            if not self.draws_area:
+                self._show_plan(None)
+
+    def expire(self) -> None:
+        """Withdraw a confirmation that is too old."""
+        if self._confirmation is not None and self._confirmation.is_old(time.monotonic()):
+            self.withdraw()
+
+    def _ask(self, confirmation: Confirmation | None) -> None:
+        """Show the confirmation on the button that flies; None for the button that plans."""
+        self._confirmation = confirmation
+        self._fly.set_text("Fly" if confirmation is None else confirmation.words(self._panel.start_z_ned_m))
+        self._fly.classes("confirming") if confirmation is not None else self._fly.classes(remove="confirming")
+        self._back.set_visibility(confirmation is not None)
+
+    async def _send(self, confirmation: Confirmation) -> None:
+        goal, plan = dict(confirmation.goal), confirmation.plan
+        self._ask(None)
+        if plan.coverage is not None:
+            goal["plan_id"] = plan.coverage.plan_id
         self._tell(await self._commands.send(self.action, goal))
-        if self.plan is not None and self.plan.coverage is None:  # the way that is flown is drawn from now on
+        if plan.coverage is None:  # the way that is flown is drawn from now on
             self._show_plan(None)
 
     def _show_plan(self, plan: PlanReply | None) -> None:
         self.plan = plan
         self._show_items({} if plan is None else plan_items(plan))
-        self._warning.set_text("" if plan is None else plan.warning)
+        self._warning.set_text("" if plan is None else in_words(plan.warning))
         self._panel.show_plan(plan, self._origin_m or WORLD)
 
     def _show_items(self, items: Mapping[str, str]) -> None:
@@ -352,12 +422,14 @@ class Form:
 
 
 def plan_items(plan: PlanReply) -> dict[str, str]:
-    """What a goal would take: images, length, time and battery."""
-    items = {}
-    if plan.coverage is not None:
-        items["images"] = f"{len(plan.coverage.pictures_ned_m)}"
-        items["photographed"] = f"{100.0 * plan.coverage.photographed:.0f} %"
-        items["line distance"] = f"{plan.coverage.line_distance_m:.1f} m"
+    """What a coverage would take: images, length, time and battery. Of other goals the confirmation says it all."""
+    if plan.coverage is None:
+        return {}
+    items = {
+        "images": f"{len(plan.coverage.pictures_ned_m)}",
+        "photographed": f"{100.0 * plan.coverage.photographed:.0f} %",
+        "line distance": f"{plan.coverage.line_distance_m:.1f} m",
+    }
     if plan.distance_m is not None:
         items["length"] = f"{plan.distance_m:.0f} m"
     if plan.duration_s is not None:

@@ -70,11 +70,12 @@ class Page:
         ui.add_css(STATIC / "fly.css")
         ui.query("body").classes("ground")
         keys = Keys()
-        Watchdog()
         with ui.element("div").classes("page") as self._whole:
             if insecure:
                 ui.label(insecure).classes("insecure").props('data-mark="insecure" role=alert')
-            self._header()
+            with ui.element("div").classes("top"):
+                self._header()
+                self._notice_bar()
             with ui.element("main").classes("main"):
                 self._stage()
                 self._target = Target(self._robot)
@@ -84,6 +85,7 @@ class Page:
                 self._whole.classes("recorded")
             else:
                 keys.on("hover", self._commands.hover).on("abort", self._commands.abort)
+                keys.on("close", self._fly.withdraw)
         ui.timer(1.0 / config.rate_hz, self._refresh)
         ui.timer(0.1, self._recall, once=True)
 
@@ -92,6 +94,7 @@ class Page:
     def _header(self) -> None:
         with ui.element("header").classes("bar"):
             with ui.element("div").classes("state"):
+                Watchdog()
                 self._words = ui.label().classes("state-words").props('data-mark="state"')
                 with ui.element("div").classes("state-more"):
                     self._charge = ui.label().classes("state-charge")
@@ -112,6 +115,12 @@ class Page:
                     "no-caps"
                 ).props('data-mark="abort"')
                 HoldButton(self._commands.kill_words).on("held", self._commands.kill)
+
+    def _notice_bar(self) -> None:
+        with ui.element("div").classes("notice").props("role=alert") as self._notice:
+            self._notice_words = ui.label().props('data-mark="notice"')
+            ui.button("Noted", on_click=self._commands.take_note, color=None).props('no-caps dense data-mark="noted"')
+        self._notice.set_visibility(False)
 
     def _stage(self) -> None:
         with ui.element("section").classes("stage"):
@@ -162,7 +171,12 @@ class Page:
         self._words.classes(replace=f"state-words tone-{line['tone']}")
         charge = f"in charge: {line['charge']} {line['since']}" if line["charge"] else ""
         self._charge.set_text(charge)
-        self._why.set_text(line["why"])
+        notice = state.notice(now_s) if isinstance(self._feed, Feed) else ""  # nobody has to take note of a recording
+        self._notice.set_visibility(bool(notice))
+        self._notice_words.set_text(notice)
+        self._why.set_text("" if notice and line["tone"] == "bad" else line["why"])  # the notice says it already
+        lost = line["tone"] == "lost"
+        self._whole.classes("vehicle-silent" if lost else "", remove="" if lost else "vehicle-silent")
         scene = state.scene(now_s)
         self._view.run_method("update", scene)
         self._map.run_method("update", scene)

@@ -26,7 +26,7 @@ def test_a_form_has_the_units_ranges_and_defaults_of_the_goal_type() -> None:
     overlap = fields_of("area_coverage")["overlap"]
     assert overlap.range_words == "0 to 0.95"
     target = fields_of("go_to")["target_ned_m"]
-    assert (target.kind, target.axes, target.required) == ("vector", ("north", "east", "down"), True)
+    assert (target.kind, target.axes, target.required) == ("vector", ("north", "east", "height"), True)
     assert fields_of("area_coverage")["polygon_ned_m"].kind == "area"
     assert fields_of("area_coverage")["holes_ned_m"].kind == "areas"
     assert fields_of("land_on_spot")["use_uwb"].kind == "switch"
@@ -34,11 +34,20 @@ def test_a_form_has_the_units_ranges_and_defaults_of_the_goal_type() -> None:
 
 def test_typed_text_becomes_a_goal() -> None:
     _, fields = form_of(GO_TO.description.goal)
-    values = {"target_ned_m": ["1", "-2.5", "-3"], "frame": "world", "do_takeoff": True, "speed_mps": ""}
+    values = {"target_ned_m": ["1", "-2.5", "3"], "frame": "world", "do_takeoff": True, "speed_mps": ""}
     goal, problems = goal_from(fields, values)
     assert not problems
     assert goal == {"target_ned_m": [1.0, -2.5, -3.0], "frame": "world", "do_takeoff": True}
     msgspec.convert(goal, GO_TO.goal_type)
+
+
+def test_heights_are_typed_above_the_start_positive_up_and_sent_as_z() -> None:
+    center = fields_of("get_images")["center_ned_m"]
+    target = fields_of("get_images")["target_z_ned_m"]
+    assert (target.label, target.default, str(target.default)) == ("target height", 0.0, "0.0")
+    assert "negative" not in center.help + target.help
+    goal, _ = goal_from([center, target], {"center_ned_m": ["1", "2", "5"], "target_z_ned_m": "0.2"}, -0.5)
+    assert goal == {"center_ned_m": [1.0, 2.0, -5.5], "target_z_ned_m": -0.7}
 
 
 def test_several_choices_become_a_list() -> None:
@@ -66,11 +75,18 @@ def test_a_number_out_of_range_is_told_with_its_range() -> None:
     assert problems["overlap"] == "overlap must be a number 0 to 0.95"
 
 
+def test_an_emptied_number_is_not_flown_with_the_number_that_it_stands_for() -> None:
+    fields = form_of(TAKEOFF.description.goal)[1]
+    assert goal_from(fields, {"altitude_m": ""})[1] == {"altitude_m": "altitude is needed"}
+    speed = [field for field in form_of(GO_TO.description.goal)[1] if field.name == "speed_mps"]
+    assert goal_from(speed, {"speed_mps": ""}) == ({}, {})  # the vehicle chooses it, as the form says
+
+
 def test_missing_fields_are_told() -> None:
     fields = form_of(GET_IMAGES.description.goal)[1]
-    _, problems = goal_from(fields, {"center_ned_m": ["1", "", "-5"], "num_images": "2.5"})
+    _, problems = goal_from(fields, {"center_ned_m": ["1", "", "5"], "num_images": "2.5"})
     assert problems == {
-        "center_ned_m": "center needs all of north, east, down",
+        "center_ned_m": "center needs all of north, east, height",
         "radius_m": "radius is needed",
         "num_images": "num images is a whole number",
     }

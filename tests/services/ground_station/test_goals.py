@@ -78,12 +78,12 @@ def test_a_goal_has_the_owner_that_its_server_names() -> None:
     goals.on_running(RunningGoal(action="area_coverage", goal_id="py-1-1", clients=("py-1",)))
     assert goals.owner("py-1", {"py-1-1"}) == "sent from this page"
     assert goals.owner("py-1", ()) == "sent from another page of this ground station"
-    assert goals.owner("py-2", ()) == "sent by client py-1"
+    assert goals.owner("py-2", ()) == "sent by another program"
     goals.on_running(RunningGoal(action="area_coverage", goal_id="py-1-1"))
-    assert goals.owner("py-2", ()) == "its client is gone"
+    assert goals.owner("py-2", ()) == "its sender is gone"
     goals = flying(goal_id="m-7.3.1")
     goals.on_running(RunningGoal(action="area_coverage", goal_id="m-7.3.1"))
-    assert goals.owner("py-2", ()) == "sent by the mission m-7"
+    assert goals.owner("py-2", ()) == "sent by a mission"
 
 
 def test_the_servers_are_asked_once_for_a_goal_and_again_for_images_that_are_missing() -> None:

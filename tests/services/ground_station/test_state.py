@@ -10,6 +10,7 @@ from jezero.schemas import topics
 from jezero.schemas.actions import FeedbackMessage
 from jezero.schemas.fence import Fence, FenceState, Zone
 from jezero.schemas.goals import ImagesFeedback, LandFeedback
+from jezero.schemas.preflight import Check, PreflightReport
 from jezero.schemas.sensors import Altimeter
 from jezero.schemas.state import Battery
 from jezero.schemas.topics import feedback_of, health_of
@@ -69,12 +70,15 @@ def test_an_unknown_battery_shows_no_number() -> None:
     assert reading(shown(), "battery", 0.1)["text"] == "80"
 
 
-def test_the_height_over_home_counts_from_where_the_vehicle_armed() -> None:
+def test_the_height_counts_from_where_the_vehicle_stood_before_it_was_armed() -> None:
     state = VehicleState()
-    state.update(0.0, topics.STATUS, FLIGHT.at(0.0, 0.0, -0.4).status(code=0, armed=False, in_charge="none"))
-    state.update(0.1, topics.STATUS, FLIGHT.at(0.0, 0.0, -0.4).status(code=1))
-    state.update(0.2, topics.STATUS, FLIGHT.at(0.0, 0.0, -2.4).status(code=1))
-    assert reading(state, "over home", 0.3)["text"] == "2.00"
+    stands = FLIGHT.at(0.0, 0.0, -0.4).status(code=0, armed=False, landed=True, in_charge="none")
+    state.update(0.0, topics.STATUS, stands)
+    assert (state.start_z_ned_m, reading(state, "height", 0.1)["text"]) == (-0.4, "0.00")
+    state.update(0.2, topics.STATUS, FLIGHT.at(0.0, 0.0, -2.4).status(code=1, takeoff_ned_m=(0.0, 0.0, -0.4)))
+    assert (state.start_z_ned_m, reading(state, "height", 0.3)["text"]) == (-0.4, "2.00")
+    state.update(0.4, topics.STATUS, FLIGHT.at(0.0, 0.0, -2.4).status(code=1))
+    assert (state.start_z_ned_m, reading(state, "height", 0.5)["text"]) == (0.0, "2.40")
 
 
 def test_the_status_line_tells_who_is_in_charge_and_for_how_long() -> None:
@@ -94,10 +98,99 @@ def test_a_vehicle_that_is_not_ready_tells_why() -> None:
     assert (line["words"], line["tone"], line["why"]) == ("On the ground, not ready", "warning", "no GNSS fix")
 
 
+def standing(state: VehicleState, now_s: float, **fields: Any) -> dict[str, Any]:
+    """The state line of a vehicle that stands on the ground and is ready, unless `fields` say otherwise."""
+    on_ground: dict[str, Any] = {"code": 0, "armed": False, "landed": True, "in_charge": "none"}
+    state.update(now_s, topics.STATUS, FLIGHT.status(**(on_ground | fields)))
+    return state.status_line(now_s, "")
+
+
+def report(*failed: str) -> PreflightReport:
+    """A preflight report in which these checks have failed."""
+    names = ("battery", "gnss")
+    checks = [Check(name=n, verdict="failed" if n in failed else "passed", text="12 %") for n in names]  # type: ignore[arg-type]
+    return PreflightReport(t_ns=0, epoch_id=1, checks=tuple(checks))
+
+
+def test_a_vehicle_is_green_only_when_a_fresh_preflight_report_has_no_failure() -> None:
+    state = VehicleState()
+    line = standing(state, 0.0)
+    assert (line["words"], line["tone"]) == ("On the ground, not checked", "warning")
+    state.update(1.0, topics.PREFLIGHT, report("battery"))
+    line = standing(state, 1.1)
+    assert (line["words"], line["tone"]) == ("On the ground, preflight failed", "warning")
+    assert line["why"] == "battery: 12 %"
+    state.update(2.0, topics.PREFLIGHT, report())
+    line = standing(state, 2.1)
+    assert (line["words"], line["tone"]) == ("On the ground, ready", "good")
+    assert standing(state, 2.2, ready=False)["tone"] == "warning"
+    assert standing(state, 33.0)["words"] == "On the ground, not checked"
+
+
+def test_a_preflight_report_from_before_the_flight_makes_nothing_green() -> None:
+    state = VehicleState()
+    state.update(0.0, topics.PREFLIGHT, report())
+    assert standing(state, 0.1)["tone"] == "good"
+    state.update(1.0, topics.STATUS, FLIGHT.status(code=1, in_charge="goal", action="takeoff", goal_id="a"))
+    assert standing(state, 4.0)["words"] == "On the ground, not checked"
+    state.update(6.0, topics.PREFLIGHT, report())
+    assert standing(state, 6.1)["words"] == "On the ground, ready"
+
+
+@pytest.mark.parametrize(
+    ("mode", "in_charge", "words"),
+    [
+        ("AUTO.LAND", "failsafe", "Landing, failsafe"),
+        ("AUTO.RTL", "failsafe", "Returning, failsafe"),
+        ("AUTO.LAND", "external", "Landing, external pilot"),
+        ("POSCTL", "external", "Flying, external pilot"),
+    ],
+)
+def test_whoever_flies_instead_of_the_bridge_is_named_beside_what_the_vehicle_does(
+    mode: str, in_charge: str, words: str
+) -> None:
+    line = shown(code=13, in_charge=in_charge, autopilot_mode=mode, text="why").status_line(0.1, "")
+    assert (line["words"], line["tone"], line["why"]) == (words, "bad", "why")
+
+
+LOST = {"code": 13, "in_charge": "failsafe", "action": ""}
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"text": "motors cut on request"}, "Motors cut on request (5 s ago)"),
+        ({"text": "failsafe: low battery"}, "Ended by a failsafe: low battery (5 s ago)"),
+        (
+            {"text": "taken over: armed, and not by the bridge", "in_charge": "external"},
+            "Taken over by an external pilot: armed, and not by the bridge (5 s ago)",
+        ),
+    ],
+)
+def test_what_ended_a_flight_stays_until_somebody_takes_note_of_it(fields: dict[str, Any], words: str) -> None:
+    state = shown()
+    state.update(1.0, topics.STATUS, FLIGHT.status(**(LOST | fields)))
+    state.update(2.0, topics.STATUS, FLIGHT.status(**(LOST | fields | {"text": "landed and disarmed"})))
+    standing(state, 5.0)
+    assert state.notice(6.0) == words
+    state.flight_end.take_note()
+    standing(state, 7.0)
+    assert state.notice(7.0) == ""
+
+
+def test_a_failsafe_after_a_takeover_is_told_and_control_that_was_taken_back_ends_it() -> None:
+    state = shown(0.0, **(LOST | {"in_charge": "external", "text": "taken over: by a switch"}))
+    assert state.notice(0.0).startswith("Taken over")
+    state.update(1.0, topics.STATUS, FLIGHT.status(**(LOST | {"text": "failsafe: low battery"})))
+    assert state.notice(1.0) == "Ended by a failsafe: low battery (0 s ago)"
+    state.update(2.0, topics.STATUS, FLIGHT.status())
+    assert state.notice(2.0) == ""
+
+
 def test_a_silent_bridge_is_a_lost_link_and_the_last_state_is_still_told() -> None:
     line = shown().status_line(4.0, "")
     assert (line["words"], line["tone"]) == ("Link lost", "lost")
-    assert line["why"] == "No status for 4 s; the last one was: Hovering."
+    assert line["why"] == "The vehicle is silent for 4 s; its last state was: Hovering."
     assert line["charge"] == ""
 
 
@@ -136,11 +229,11 @@ def test_events_tell_changes_once_and_the_newest_first() -> None:
     state.update(3.0, topics.STATUS, FLIGHT.status(in_charge="failsafe", code=13))
     texts = [row["text"] for row in state.event_rows(3.0)]
     assert texts == [
-        "Under other command",
+        "Flying, failsafe",
         "In charge now: a failsafe of the autopilot",
         "Taking off",
         "Motors on",
-        "Connected: On the ground, ready",
+        "Connected: On the ground, not checked",
     ]
 
 

@@ -195,7 +195,7 @@ def test_when_the_owner_falls_silent_the_vehicle_hovers_within_half_a_second_and
     assert rig.autopilot.setpoints[-1].vx != 2.0
     assert rig.autopilot.setpoints[-1].x == pytest.approx(1.0)  # the vehicle comes to rest there
     assert (rig.status.code, rig.status.in_charge) == (4, "goal")
-    assert re.search(r"hovering until go_to \S+ goes on: it sent no setpoint for 0\.3\d s", rig.status.text)
+    assert re.search(r"hovering until the goal go to goes on: it sent no setpoint for 0\.3\d s", rig.status.text)
     rig.run(0.4)
     rig.setpoint(control_id, Phase.GO_TO, pos_ned_m=None, vel_ned_mps=(2.0, 0.0, 0.0))
     rig.step()
@@ -223,7 +223,7 @@ def test_a_vehicle_whose_goal_is_late_is_not_armed() -> None:
     rig.run(0.4)
     rig.autopilot.refuse_arming = ""
     rig.run(0.4)
-    assert "hovering until takeoff" in rig.status.text and not rig.status.armed
+    assert "hovering until the goal takeoff" in rig.status.text and not rig.status.armed
     rig.run_until(lambda: bool(rig.status.armed), lambda: rig.setpoint(control_id, Phase.TAKEOFF), limit_s=3.0)
 
 

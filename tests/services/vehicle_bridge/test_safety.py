@@ -303,7 +303,7 @@ def test_motors_that_stop_in_flight_end_the_goal_in_13() -> None:
     rig.autopilot.armed = False
     rig.step()
     assert rig.status.code == 13
-    assert "disarmed in status GO_TO" in rig.status.text
+    assert "disarmed while the vehicle flies to a point" in rig.status.text
 
 
 def test_an_auto_disarm_before_lift_off_ends_the_takeoff() -> None:

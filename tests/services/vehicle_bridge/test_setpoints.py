@@ -115,5 +115,5 @@ def test_a_goal_whose_setpoints_are_all_dropped_ends_with_the_reason() -> None:
     rig = Rig().fly()
     control_id = rig.go("go_to", Phase.GO_TO)
     rig.run(1.1, lambda: rig.setpoint(control_id, Phase.LANDING))
-    assert rig.status.text.startswith("go_to goal-go_to ended: none of its setpoints could be flown for 1.0")
-    assert "phase landing of go_to in status GO_TO" in rig.status.text
+    assert rig.status.text.startswith("the goal go to ended: none of its setpoints could be flown for 1.0")
+    assert "the phase landing of the goal go to while the vehicle flies to a point" in rig.status.text

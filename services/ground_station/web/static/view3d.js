@@ -14,7 +14,7 @@ const ROTOR_RPS = 38;
 const UP = new THREE.Vector3(0, 0, 1);
 
 export default {
-  template: `<div class="view3d" :class="{ 'view3d-late': late }"><canvas ref="canvas"></canvas>
+  template: `<div class="view3d"><canvas ref="canvas"></canvas>
     <div class="view3d-labels"><span v-for="label in labels" :key="label.name" :ref="'label-' + label.name" class="view3d-label">{{ label.text }}</span></div>
     <svg ref="north" class="view3d-north" viewBox="-50 -50 100 100" role="img" aria-label="north"><circle r="46" />
       <g><path d="M0 -42L11 -4H-11Z" class="needle" /><path d="M0 42L11 4H-11Z" /><text y="-20" class="letter">N</text></g></svg>
@@ -22,7 +22,7 @@ export default {
     <div class="view3d-note" v-if="note">{{ note }}</div></div>`,
   props: { robot: Object },
   data() {
-    return { note: "", labels: [], wind: "", late: false, isTrue: false };
+    return { note: "", labels: [], wind: "", isTrue: false };
   },
   computed: {
     groundWords() {
@@ -97,7 +97,6 @@ export default {
       this.vehicle.visible = !!data.vehicle;
       this.rover.visible = !!data.rover;
       this.followGround(data);
-      this.late = !!data.lost;
       this.wind = `Wind ${data.wind_words}`;
       this.labels = this.labelsOf(data);
     },

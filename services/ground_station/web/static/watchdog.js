@@ -1,16 +1,19 @@
-// Tells when nothing comes from the server any more: what the page shows is old then, though nothing else in it changes.
-const LATE_MS = 3000; // the server sends ten times a second
-const PERIOD_MS = 500;
+// Notices in the browser that nothing comes from the server any more: its words take the place of the state, and the page
+// turns grey (body.server-silent). No timer of the server could do so.
+const LATE_MS = 1400; // the server sends ten times a second
+const PERIOD_MS = 200;
+const BUSY_MAX_MS = 600; // a browser that was busy or asleep for longer has had no chance to read in that time
 
 export default {
-  template: `<div v-if="silent_s" class="watchdog" role="alert">Nothing from the ground station for {{ silent_s }} s: what this page shows is old.</div>`,
+  template: `<div v-if="silent_s" class="watchdog" role="alert"><div class="state-lost">No ground station</div>
+    <div class="state-why">The ground station is silent for {{ silent_s }} s: what this page shows is old.</div></div>`,
   data() {
     return { silent_s: 0 };
   },
   mounted() {
-    this.last = performance.now();
-    this.checked = this.last;
-    this.listen = () => (this.last = performance.now());
+    this.silent = 0;
+    this.checked = performance.now();
+    this.listen = () => (this.silent = 0);
     this.timer = setInterval(() => this.check(), PERIOD_MS);
   },
   unmounted() {
@@ -21,11 +24,10 @@ export default {
     check() {
       if (!this.socket && window.socket) this.socket = window.socket.onAny(this.listen); // it comes after this component
       const now = performance.now();
-      // A browser that was asleep itself has had no chance to read: it gets some time first.
-      if (now - this.checked > LATE_MS) this.last = now;
+      this.silent += Math.min(now - this.checked, BUSY_MAX_MS);
       this.checked = now;
-      const silent = now - this.last;
-      this.silent_s = silent > LATE_MS ? Math.floor(silent / 1000) : 0;
+      this.silent_s = this.silent > LATE_MS ? Math.floor(this.silent / 1000) : 0;
+      document.body.classList.toggle("server-silent", this.silent_s > 0);
     },
   },
 };

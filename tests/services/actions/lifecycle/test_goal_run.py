@@ -158,7 +158,7 @@ def test_a_second_goal_is_refused_as_busy() -> None:
     world.flying()
     reply = world.fly(GoToGoal(target_ned_m=(1.0, 1.0, -3.0), goal_id="other"), 0.2)
     assert isinstance(reply, Rejected)
-    assert "busy: goal far of go_to is running (status 4 GO_TO)" in reply.reason
+    assert "busy: another goal go to is running, and the vehicle flies to a point" in reply.reason
 
 
 def test_of_two_servers_goals_the_bridge_grants_one() -> None:
@@ -286,7 +286,7 @@ def test_the_health_tells_what_the_server_does() -> None:
     node = world.bus._ports["go_to"].node
     assert node.health(0, 0.0).text == "ready for a goal"
     world.flying()
-    assert node.health(0, 0.0).text == "flying goal far"
+    assert node.health(0, 0.0).text == "flying a goal"
     world.bridge.mute_status = True
     world.bus.run_for(1.5)
     assert node.health(0, 0.0).state == "degraded"

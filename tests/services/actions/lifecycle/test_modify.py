@@ -117,7 +117,7 @@ def test_a_goal_that_is_not_accepted_yet_is_not_modified() -> None:
     world = World()
     world.send(goal)
     world.bus.run_for(0.2)
-    assert modify(world, "orbit", topics.GET_IMAGES, num_images=8).reason == "goal orbit does not fly yet"
+    assert modify(world, "orbit", topics.GET_IMAGES, num_images=8).reason == "the goal does not fly yet"
 
 
 def test_other_clients_read_the_way_of_a_goal_and_its_new_way_after_a_change() -> None:

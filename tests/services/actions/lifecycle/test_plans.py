@@ -120,7 +120,7 @@ def test_the_bridges_reason_comes_before_a_missing_input(goal: Goal) -> None:
 def test_a_flying_server_makes_no_plans() -> None:
     world = World()
     world.flying()
-    assert "busy: goal far of go_to is running" in plan(world, FAR).reason
+    assert "busy: another goal go to is running" in plan(world, FAR).reason
 
 
 def test_a_goal_does_not_wait_for_somebody_elses_plan() -> None:

@@ -117,7 +117,7 @@ def test_another_goal_is_answered_while_one_is_planned(endless: World) -> None:
     endless.bus.run_for(5.0)
     other = endless.send(GoToGoal(target_ned_m=(5.0, 0.0, -3.0), goal_id="other"))
     rejected = endless.first(other, 0.1)
-    assert isinstance(rejected, Rejected) and rejected.reason.startswith("busy: goal near of go_to is running")
+    assert isinstance(rejected, Rejected) and rejected.reason.startswith("busy: another goal go to is running")
 
 
 def test_a_plan_whose_client_has_gone_is_not_worked_out_any_more(endless: World) -> None:
