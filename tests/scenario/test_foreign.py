@@ -137,7 +137,7 @@ def test_a_program_flies_from_the_ground_and_back_and_the_bridge_stays_silent() 
     pilot.arm()
     flight.wait_code(Code.EXTERNAL, 1.0)
     assert flight.status.text == "taken over: armed, and not by the bridge"
-    assert "EXTERNAL" in flight.refusal(topics.TAKEOFF, TakeoffGoal())
+    assert "under other command" in flight.refusal(topics.TAKEOFF, TakeoffGoal())
     flight.assert_silence(4.0)
     assert flight.truth.pos_uav_ned_m[2] < -1.5
     pilot.mode(LAND)

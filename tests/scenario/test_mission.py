@@ -45,7 +45,7 @@ def test_goals_that_need_a_flying_vehicle_are_refused_on_the_ground() -> None:
     flight = Flight()
     flight.wait_ready()
     assert "takeoff" in flight.refusal(topics.GO_TO, go_to(0.0, 0.0, -4.0))
-    assert "IDLE" in flight.refusal(topics.LAND_ON_SPOT, land_at(0.0, 0.0)).upper()
+    assert "on the ground" in flight.refusal(topics.LAND_ON_SPOT, land_at(0.0, 0.0))
     assert not flight.request(topics.HOVER, Hover()).hover_mode
     assert flight.codes == [Code.IDLE]
 
