@@ -9,11 +9,12 @@ from math import atan2, cos, degrees, hypot, sin
 from statistics import median, stdev
 from typing import Any, NamedTuple
 
-from jezero.frames import horizontal, ned_from_geodetic, quat_rotate, subtract, wrap_pi, yaw_from_quat
+from jezero.frames import Vec3, horizontal, ned_from_geodetic, quat_rotate, subtract, wrap_pi, yaw_from_quat
 from jezero.schemas.preflight import Check, CheckName, Verdict
 from jezero.schemas.rows import Topic
 from jezero.schemas.state import StatusCode
 from jezero.schemas.topics import ALTIMETER, BARO, ESTIMATE_TAG, GNSS, IMU, MAG, ROVER_ODOMETRY, UWB
+from jezero.services.preflight.earth_field import earth_field
 from jezero.services.preflight.readings import Readings
 
 NEEDED: tuple[Topic[Any], ...] = (IMU, GNSS, BARO, MAG, ALTIMETER)
@@ -40,6 +41,9 @@ SATELLITES_MIN = 6
 HEADING_WARN_RAD, HEADING_MAX_RAD = 0.35, 1.05
 """20 and 60 degrees: the angle between magnetic and true north, up to 20 degrees in inhabited places, is in it."""
 ROVER_HEADING_WARN_RAD = 0.17
+STRENGTH_SHARE_MAX, DIP_MAX_RAD = 0.2, 0.17
+"""Differences of the magnetic field from the Earth's at the place: a compass near iron, or one that is mounted on its
+side. The tables of the Earth's field are good to some percent and one or two degrees."""
 STANDING_RANGE_MAX_M = 0.8
 """Greatest range of the altimeter of a vehicle that stands; the beam may miss the platform's edge or a stone."""
 
@@ -186,8 +190,26 @@ def check_compass(readings: Readings) -> Check:
     apart_deg = abs(degrees(apart_rad))
     text = f"the autopilot's heading is {heading_deg:.0f}°, magnetic north lies {apart_deg:.0f}° from its north"
     failed, warned = abs(apart_rad) > HEADING_MAX_RAD, abs(apart_rad) > HEADING_WARN_RAD
-    advice = ": keep metal away, and calibrate it" if warned else ""
+    if unlike := _unlike_earth(level, odometry.origin_deg):
+        text, warned = f"{text}; {unlike}", True
+    advice = ": keep metal away, calibrate it, and check how it is mounted" if warned else ""
     return _check("compass", "failed" if failed else "warning" if warned else "passed", text + advice)
+
+
+def _unlike_earth(fields_ned_gauss: Sequence[Vec3], position_deg: Vec3 | None) -> str:
+    """How the measured field differs from the Earth's at this place, or ""; it is known whatever the heading is."""
+    earth = None if position_deg is None else earth_field(position_deg)
+    if earth is None:
+        return ""
+    north, east, down = (sum(field[axis] for field in fields_ned_gauss) / len(fields_ned_gauss) for axis in range(3))
+    strength_gauss, dip_rad = hypot(north, east, down), atan2(down, hypot(north, east))
+    strong = abs(strength_gauss / earth.strength_gauss - 1.0) > STRENGTH_SHARE_MAX
+    if not strong and abs(dip_rad - earth.dip_rad) < DIP_MAX_RAD:
+        return ""
+    return (
+        f"the field has {strength_gauss:.2f} gauss and points {degrees(dip_rad):.0f}° down, at this place it is "
+        f"{earth.strength_gauss:.2f} gauss and {degrees(earth.dip_rad):.0f}°"
+    )
 
 
 def check_rover(readings: Readings) -> Check:

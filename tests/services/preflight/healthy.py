@@ -31,7 +31,7 @@ from jezero.services.preflight.service import SERVICES
 
 END_NS = 5_000_000_000
 DURATION_S = 1.0
-ORIGIN_DEG = (18.4446, 77.4509, -2600.0)
+ORIGIN_DEG = (47.397742, 8.545594, 488.0)
 PARAMETERS = SetParameters(std_altimeter_m=0.03, std_uwb_m=0.02)
 HEARD = frozenset(t.name for t in (IMU, GNSS, BARO, MAG, ALTIMETER, UWB, ROVER_ODOMETRY))
 

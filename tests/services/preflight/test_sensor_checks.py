@@ -1,6 +1,6 @@
 """The checks of sensors, noise, position and compasses: each verdict with its words."""
 
-from math import pi, radians
+from math import cos, pi, radians, sin
 from typing import Any
 
 import msgspec
@@ -111,6 +111,25 @@ def test_the_heading_may_be_20_degrees_from_magnetic_north(error_deg: float, ver
     outcome = check_compass(readings({MAG.name: mag(error_rad=radians(error_deg), std_gauss=0.0)}))
     assert outcome.verdict == verdict
     assert f"heading is 29°, magnetic north lies {abs(error_deg):.0f}° from its north" in outcome.text
+
+
+@pytest.mark.parametrize(
+    ("field_gauss", "words"),
+    [
+        ((0.216, 0.0, 0.43), ""),
+        ((0.3, 0.0, 0.6), "the field has 0.67 gauss and points 63° down, at this place it is 0.48 gauss and 63°"),
+        ((0.216, 0.0, -0.43), "points -63° down"),
+        ((0.43, 0.0, 0.216), "points 27° down"),
+    ],
+)
+def test_a_field_that_is_not_the_earths_at_this_place_warns(field_gauss: tuple[float, ...], words: str) -> None:
+    x, _, z = field_gauss
+    readings_of_mag = tuple(
+        msgspec.structs.replace(each, field_frd_gauss=(x * cos(-0.5), x * sin(-0.5), z)) for each in mag()
+    )
+    check = check_compass(readings({MAG.name: readings_of_mag}))
+    assert check.verdict == ("warning" if words else "passed")
+    assert words in check.text
 
 
 def test_the_rovers_compass_is_compared_with_the_tags_across_south() -> None:
