@@ -12,10 +12,10 @@ Kind = Literal["number", "integer", "switch", "choice", "choices", "vector", "ar
 LEFT_OUT = frozenset(
     {
         "goal_id", "issued_t_ns", "on_client_loss", "plan_id", "first_picture", "origin_deg", "plan_from_ned_m",
-        "rally_points_ned_m",
+        "rally_points_ned_m", "charge", "charge_per_s",
     }
 )  # fmt: skip
-"""Fields that the ground station, the server or a mission fills in."""
+"""Fields that the ground station, the server, or the mission service fills in."""
 BOUND_MAX = 1e4
 """Bounds from here on only keep out garbage such as infinity, so that no form shows them."""
 CORNERS_MIN = 3
