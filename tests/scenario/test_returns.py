@@ -26,7 +26,7 @@ from jezero.trials.rover_driver import RoverDriver
 from jezero.trials.stack import build_stack
 from tests.scenario.rig import Flight, go_to
 
-SEEDS = [pytest.param(seed, marks=() if seed < 4 else pytest.mark.slow) for seed in range(30)]
+SEEDS = [pytest.param(seed, marks=() if seed < 2 else pytest.mark.slow) for seed in range(30)]
 RESERVE = 0.1
 WHY_NOT_ABOVE = 0.2
 """A return that doesn't lead to the best place says why while this much of the capacity is left."""

@@ -30,7 +30,7 @@ ANGLES_DEG = {
     "camera": (5, 15, 45, 90, 180),
     "anchors": (5, 15, 45, 90, 180),
 }
-QUICK = (("compass", 45), ("compass", 90), ("altimeter", 20), ("anchors", 45))
+QUICK = (("compass", 90), ("anchors", 45))
 CASES = [
     pytest.param(sensor, angle_deg, marks=() if (sensor, angle_deg) in QUICK else pytest.mark.slow)
     for sensor, angles_deg in ANGLES_DEG.items()

@@ -141,7 +141,7 @@ def test_a_planner_that_raises_refuses_its_goal_and_its_server_lives(hovering: S
     assert "ZeroDivisionError" in hovering.jezero("logs", "broken").stdout
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_campaign_flies_and_judges_it(environment: dict[str, str]) -> None:
     done = subprocess.run(
         [*JEZERO, "campaign", "--world", "point-mass", "--seeds", "0..5", "-v"],
