@@ -63,9 +63,7 @@ MISSIONS: dict[str, tuple[Any, ...]] = {
     "two flights": (takeoff(4.0), go(20.0, 5.0, -4.0), LAND, takeoff(4.0), go(-20.0, 5.0, -4.0), LAND),
 }
 CASES = [
-    pytest.param(
-        name, wind_mps, marks=() if (name, wind_mps) in (("patrol", 0.0), ("square", 5.0)) else pytest.mark.slow
-    )
+    pytest.param(name, wind_mps, marks=() if (name, wind_mps) in (("square", 5.0),) else pytest.mark.slow)
     for wind_mps in (0.0, WIND_MPS)
     for name in MISSIONS
 ]
