@@ -235,6 +235,8 @@ class VehicleLimitsConfig(Config, frozen=True, kw_only=True):
     speed_max_mps: Annotated[float, Meta(gt=0.0, le=100.0)] = 10.0
 
 
+CRITICAL_MARGIN = 0.01
+"""Fraction of the capacity above the critical level at which a landing is over before the autopilot intervenes."""
 LEAST_USE = 0.5
 """Fraction of the declared use of the battery in hover that every flight uses."""
 
@@ -268,6 +270,14 @@ class BatteryConfig(Config, frozen=True, kw_only=True):
         A flight at a few metres a second in still air draws the same within some percent.
         """
         return (self.electronics_a + self.hover_a) * flight_s / (3.6 * self.capacity_mah)
+
+    def kept(self, critical: float | None) -> float:
+        """Fraction of the capacity that must be left after a landing: the reserve, and more than the critical level.
+
+        Args:
+            critical: level at which the autopilot flies its own return, see `Battery`; None where it is unknown.
+        """
+        return max(self.reserve, (critical or 0.0) + CRITICAL_MARGIN)
 
     def least_used(self, flight_s: float) -> float:
         """Fraction of the capacity that a flight of this duration uses in any case: half of that in hover.

@@ -106,8 +106,9 @@ class ReturnHomeGoal(Goal, frozen=True, kw_only=True):
     """Fly home and land: on the rover by the best knowledge of it, else where the vehicle took off, else at a rally
     point, else here.
 
-    Each second the vehicle decides again: the best place counts that it still reaches with the battery's reserve. A
-    place at which the landing fails is followed by the next one. The wind does not keep the vehicle in the air.
+    Twice a second the vehicle decides again: it flies to the best place that it still reaches with the battery's
+    reserve. A place at which the landing fails is followed by the next one. The wind does not keep the vehicle in the
+    air.
 
     Attributes:
         safe_height_m: height above the world's origin to which the vehicle climbs first, unless it is higher or close

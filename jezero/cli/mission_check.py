@@ -94,18 +94,20 @@ def _start(uav: "Vehicle | None", wind: Wind | None) -> "Start":
     """The vehicle as it is, or one that stands on the origin with a full battery."""
     from jezero.mission_files.planning import Start
     from jezero.runtime.config import load_config
+    from jezero.services.mission.config import MissionConfig
     from jezero.vehicle_config import VehicleConfig
 
-    start = Start(vehicle=load_config(VehicleConfig, "vehicle"))
+    way_margin = load_config(MissionConfig, "mission").way_margin
+    start = Start(vehicle=load_config(VehicleConfig, "vehicle"), way_margin=way_margin)
     if uav is not None:
         status = uav.status()
         battery = status.battery
-        start = Start(
+        start = replace(
+            start,
             pos_ned_m=start.pos_ned_m if status.odometry is None else status.odometry.pos_uav_ned_m,
             flies=status.armed and not status.landed,
             charge=1.0 if battery is None or battery.remaining is None else battery.remaining,
             wind_ned_mps=status.wind_ned_mps or start.wind_ned_mps,
-            vehicle=start.vehicle,
         )
     if wind is None:
         return start

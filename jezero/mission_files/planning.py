@@ -20,8 +20,6 @@ from jezero.schemas.topics import LAND_ON_SPOT, RETURN_HOME, TAKEOFF
 from jezero.vehicle_config import VehicleConfig
 
 Plan = Callable[[Action[Any], Goal], PlanReply]
-WAY_MARGIN = 1.3
-"""The vehicle turns home when its battery holds this many times the charge that the way needs; see `mission.toml`."""
 STILL: Vec3 = (0.0, 0.0, 0.0)
 
 
@@ -35,6 +33,7 @@ class Start:
         flies: whether it hovers there; else it stands.
         charge: fraction of the battery's capacity.
         wind_ned_mps: mean wind that the mission is planned for.
+        way_margin: the vehicle turns home when its battery holds this many times the charge that the way home needs.
     """
 
     vehicle: VehicleConfig
@@ -42,6 +41,7 @@ class Start:
     flies: bool = False
     charge: float = 1.0
     wind_ned_mps: Vec3 = STILL
+    way_margin: float = 1.3
 
 
 @dataclass(frozen=True)
@@ -159,9 +159,10 @@ class _Walk:
             return f"the battery would have {left} after this landing, and {reserve:.0%} is its reserve"
         home = ReturnHomeGoal(plan_from_ned_m=self._pos_ned_m, rally_points_ned_m=self._mission.rally_points_ned_m)
         used = self._used(self._plan(RETURN_HOME, home))
-        if used is None or self._charge >= WAY_MARGIN * used + reserve:
+        needed = reserve + self._start.way_margin * (used or 0.0)
+        if used is None or self._charge >= needed:
             return ""
         return (
             f"the mission would end in this step: the battery would have {left} after it, the way home needs "
-            f"{WAY_MARGIN * used + reserve:.0%}, and the vehicle returns before that"
+            f"{needed:.0%}, and the vehicle returns before that"
         )

@@ -32,18 +32,17 @@ class VirtualPlanner:
 
     Args:
         origin_deg: latitude, longitude and perhaps altitude of the world's origin; the simulator's without.
-        seed: of the stack.
 
     Raises:
         ConfigError: a configuration file is invalid.
     """
 
-    def __init__(self, origin_deg: Sequence[float] = (), seed: int = 1) -> None:
+    def __init__(self, origin_deg: Sequence[float] = ()) -> None:
         simulator, vehicle = load_config(SimulatorConfig, "simulator"), load_config(VehicleConfig, "vehicle")
         names = ("latitude_deg", "longitude_deg", "altitude_m")
         origin = replace(simulator.origin, **dict(zip(names, origin_deg, strict=False)))
         simulator = replace(simulator, origin=origin, uav=replace(simulator.uav, start="ground"))
-        self._bus = build_stack(seed, simulator=simulator, vehicle=vehicle, without=("camera",))
+        self._bus = build_stack(1, simulator=simulator, vehicle=vehicle, without=("camera",))
         self._bus.add(BlankCamera(load_config(CameraConfig, "camera"), vehicle.camera, publishes_info=True))
         self._status: Status | None = None
         self._bus.observe(self._observe)

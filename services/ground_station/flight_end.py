@@ -9,7 +9,7 @@ BY: dict[InCharge, str] = {"external": "Taken over by an external pilot", "fails
 
 @dataclass(frozen=True)
 class FlightEnd:
-    """That the bridge lost control: motors cut, a crash, a failsafe or a takeover.
+    """A loss of control by the bridge: motors cut, a crash, a failsafe or a takeover.
 
     Attributes:
         t_s: time at which it arrived, on the clock that the caller of `FlightEndDetector` uses.

@@ -19,8 +19,6 @@ HALF_STEP = 0.005
 """The autopilot reports whole percents, so that half of one may be missing."""
 WRONG_MIN = 0.02
 """A gauge that reports more than can be left by this is wrong: it is said."""
-CRITICAL_MARGIN = 0.01
-"""At the critical level the autopilot flies its own return: the landing is over before."""
 GROUND = health_of("ground_station")
 
 
@@ -36,7 +34,7 @@ class ReturnWatch:
         self.reason = ""
         self.text = ""
         self._config = config
-        self._reserve = battery.reserve
+        self._battery = battery
         self._use = BatteryUse(battery.used(1.0))
         self._duration_s: float | None = None
         """Planned duration of the way home and of the landing."""
@@ -104,7 +102,7 @@ class ReturnWatch:
         charge = self._use.charge
         if battery is None or battery.remaining is None or charge is None or self._duration_s is None:
             return ""
-        reserve = max(self._reserve, (battery.critical or 0.0) + CRITICAL_MARGIN)
+        reserve = self._battery.kept(battery.critical)
         used = max(self._duration_s * self._use.per_s, self._planned_use)
         needed = self._config.way_margin * used + reserve
         doubt = f" at most, though it reports {battery.remaining:.0%}" if battery.remaining - charge > WRONG_MIN else ""

@@ -1,4 +1,4 @@
-"""How the end of a mission is told: in words, by its colour, and by the exit code."""
+"""How the end of a mission is shown: in words, by its colour, and by the exit code."""
 
 from collections.abc import Iterator
 from typing import Any

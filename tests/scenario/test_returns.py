@@ -85,12 +85,12 @@ class ReturnFlight(Flight):
 
     Attributes:
         driver: of the rover.
-        told: the return's feedback, each with the charge at that time.
+        reported: the return's feedback, each with the charge at that time.
     """
 
     def __init__(self, seed: int, case: Case) -> None:
         self.driver = RoverDriver()
-        self.told: list[tuple[ReturnFeedback, float]] = []
+        self.reported: list[tuple[ReturnFeedback, float]] = []
         self._case = case
         super().__init__(seed, self._make)
         self.bus.observe(self._keep)
@@ -110,7 +110,7 @@ class ReturnFlight(Flight):
     def _keep(self, t_ns: int, topic: str, data: bytes) -> None:
         if topic == topics.feedback_of(topics.RETURN_HOME).name:
             message = msgspec.json.decode(data, type=FeedbackMessage[ReturnFeedback])
-            self.told.append((message.feedback, self.charge))
+            self.reported.append((message.feedback, self.charge))
 
     @property
     def charge(self) -> float:
@@ -120,7 +120,7 @@ class ReturnFlight(Flight):
 
     def place_ned_m(self) -> Vec3:
         """Where the place that was named last is in truth."""
-        place, _ = self.told[-1]
+        place, _ = self.reported[-1]
         return self.truth.pos_rover_ned_m if place.place == "rover" else place.place_ned_m
 
 
@@ -173,9 +173,9 @@ def test_a_return_lands_at_the_place_that_it_named_with_the_reserve_or_says_earl
     flight.wait(lambda: flight.status.action == "return_home", 400.0, "the return")
     started = flight.charge
     flight.wait(lambda: not flight.status.armed, 300.0, "the landing")
-    place, _ = flight.told[-1]
+    place, _ = flight.reported[-1]
     away_m = horizontal(subtract(flight.truth.pos_uav_ned_m, flight.place_ned_m()))
-    why_not = max((charge for told, charge in flight.told if told.place == place.place), default=0.0)
+    why_not = max((charge for feedback, charge in flight.reported if feedback.place == place.place), default=0.0)
     print(
         f"\nseed {seed}, {case.kind}: from {horizontal(case.out_ned_m):.0f} m with {started:.0%}, wind "
         f"{case.wind_mps:.0f} m/s, rover {case.rover_mps:.1f} m/s: {place.place}, {away_m:.2f} m off, "

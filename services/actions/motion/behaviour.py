@@ -166,7 +166,10 @@ class Remaining(msgspec.Struct, frozen=True):
     hover_s: float | None = None
 
     def __add__(self, other: "Remaining") -> "Remaining":
-        return Remaining(self.time_s + other.time_s, self.distance_m + other.distance_m)
+        hover_s = None
+        if self.hover_s is not None or other.hover_s is not None:
+            hover_s = (self.hover_s or self.time_s) + (other.hover_s or other.time_s)
+        return Remaining(self.time_s + other.time_s, self.distance_m + other.distance_m, hover_s)
 
 
 class Behaviour(Protocol):

@@ -1,6 +1,6 @@
 """The way home: up to a safe height, straight to above the place, down, and a landing there.
 
-Each second the return decides again to which place the vehicle flies. When the landing fails while the vehicle still
+Twice a second the return decides again to which place the vehicle flies. When the landing fails while the vehicle still
 flies, it goes on to the next place.
 """
 

@@ -6,19 +6,22 @@ a driving rover will be, as high as the fence lets the vehicle fly, and with the
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import hypot
+from math import hypot, sqrt
 
 from jezero.fence_geometry import HOLD_OFF_M, way_refusal
 from jezero.flight_cost import FlightCost, flight_cost
-from jezero.frames import Vec3, add, altitude_m, horizontal, norm, scale, subtract, z_ned_m
+from jezero.frames import Vec3, add, altitude_m, distance, horizontal, norm, scale, subtract, z_ned_m
 from jezero.schemas.goals import ReturnHomeGoal
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.land_on_spot.remaining import plain_descent_remaining, rover_landing_remaining
 from jezero.services.actions.motion.behaviour import VehicleState
-from jezero.services.actions.motion.way_cost import leg_cost
+from jezero.services.actions.motion.config import MoveConfig
+from jezero.services.actions.motion.speed_profile import SpeedProfile
+from jezero.services.actions.motion.straight_path import straight_speed_mps
 from jezero.services.actions.return_home.config import ReturnHomeConfig
 from jezero.services.actions.return_home.places import STILL, Place, here
+from jezero.vehicle_config import VehicleConfig
 
 SWITCH_MARGIN = 1.3
 """A return turns to a better place where the battery would hold this many times the charge that the place needs, so
@@ -30,8 +33,8 @@ SLACK = 0.01
 than this fraction of the capacity more."""
 DOUBT_MIN = 0.02
 """A gauge that reports more than the goal by this fraction is wrong."""
-CRITICAL_MARGIN = 0.01
-"""At the critical level the autopilot flies its own return: the landing is over before."""
+SPEED_MIN_MPS = 0.3
+"""A vehicle that comes forward more slowly against the wind may just as well be blown away."""
 MEETING_TRIES = 12
 MEETING_M = 1.0
 """The place to meet a driving rover is calculated again until it changes by less than this."""
@@ -90,8 +93,7 @@ class Charge:
 
     def reserve(self, state: VehicleState) -> float:
         """Fraction of the capacity that must be left after the landing."""
-        critical = 0.0 if state.battery is None else state.battery.critical or 0.0
-        return max(self._battery.reserve, critical + CRITICAL_MARGIN)
+        return self._battery.kept(None if state.battery is None else state.battery.critical)
 
 
 class Decision:
@@ -158,7 +160,7 @@ class Decision:
         cost, start_ned_m = FlightCost(0.0, 0.0), state.pos_uav_ned_m
         for end_ned_m in corners_ned_m:
             move, vehicle = self._config.move, self._config.vehicle
-            leg = leg_cost(start_ned_m, end_ned_m, self.speed_mps, move, wind_ned_mps, vehicle)
+            leg = _leg_cost(start_ned_m, end_ned_m, self.speed_mps, move, wind_ned_mps, vehicle)
             if leg is None:
                 return None
             cost, start_ned_m = cost.plus(leg), end_ned_m
@@ -235,3 +237,36 @@ def _with_reason(way: Way, left_out: Sequence[str]) -> Way:
 def _far(start_ned_m: Vec3, end_ned_m: Vec3) -> float:
     """Greatest difference on any axis."""
     return max(abs(difference) for difference in subtract(end_ned_m, start_ned_m))
+
+
+def _leg_cost(
+    start_ned_m: Vec3, end_ned_m: Vec3, speed_mps: float, move: MoveConfig, wind_ned_mps: Vec3, vehicle: VehicleConfig
+) -> FlightCost | None:
+    """Cost of a straight leg from rest to rest; None where the vehicle doesn't come forward against the wind.
+
+    Args:
+        speed_mps: over ground, along the leg; it is less where the vertical limits or the wind don't allow it.
+    """
+    length_m = distance(start_ned_m, end_ned_m)
+    if length_m < 1e-6:
+        return FlightCost(0.0, 0.0)
+    direction_ned = scale(subtract(end_ned_m, start_ned_m), 1.0 / length_m)
+    speed_mps = straight_speed_mps(start_ned_m, end_ned_m, speed_mps, move)
+    speed_mps = min(speed_mps, _speed_in_wind_mps(direction_ned, wind_ned_mps, vehicle.airframe.airspeed_max_mps))
+    if speed_mps < SPEED_MIN_MPS:
+        return None
+    time_s = SpeedProfile(length_m, speed_mps, move.accel_mps2).duration_s + move.reached_s
+    return flight_cost(time_s, scale(direction_ned, length_m / time_s), wind_ned_mps, vehicle)
+
+
+def _speed_in_wind_mps(direction_ned: Vec3, wind_ned_mps: Vec3, airspeed_max_mps: float) -> float:
+    """Greatest speed along a direction that an airspeed allows; 0 where the wind carries the vehicle off."""
+    north, east = direction_ned[0], direction_ned[1]
+    level = hypot(north, east)
+    if level < 1e-3 or airspeed_max_mps == float("inf"):
+        return float("inf")
+    along_mps = (wind_ned_mps[0] * north + wind_ned_mps[1] * east) / level
+    across_mps = (wind_ned_mps[0] * east - wind_ned_mps[1] * north) / level
+    if abs(across_mps) >= airspeed_max_mps:
+        return 0.0
+    return max(along_mps + sqrt(airspeed_max_mps**2 - across_mps**2), 0.0) / level

@@ -46,7 +46,7 @@ def needed(place: Place) -> float:
 
 LANDING_S = rover_landing_remaining((0.0, 0.0, -6.0), ActionsConfig().land_on_spot.rover).time_s
 SHORT = 0.002
-"""So much of the capacity is missing."""
+"""Fraction of the capacity that is missing."""
 
 
 def test_a_battery_that_nobody_knows_or_that_holds_leads_to_the_best_place() -> None:
