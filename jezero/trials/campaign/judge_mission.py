@@ -31,6 +31,7 @@ class MissionLog:
         state: state of the last progress.
         stopped: somebody commanded `stop`, and it was accepted.
         last_action: action of the goal that was sent to end the mission; "" for none.
+        takeoff_step: number of the last step that a takeoff was sent for, of a mission held before; 0 for none.
         bridge: bridge's boot id and number of interventions since which the mission flies; None while it is unknown.
         held: somebody took control, and nobody has commanded anything since.
         ended_ns: time of the mission's end.
@@ -42,6 +43,7 @@ class MissionLog:
         self.state = "running"
         self.stopped = False
         self.last_action = ""
+        self.takeoff_step = 0
         self.bridge: tuple[int, int] | None = None
         self.held = False
         self.ended_ns = 0
@@ -120,7 +122,10 @@ class MissionJudge:
         text = "without a status" if status is None else f"in status {status.name}: {status.text}"
         free = status is not None and not log.held
         self._judge.check(free, t_ns, AWAY, f"{goal.goal_id} is sent {text}")
-        if goal.goal_id.split(".")[1] == "end":
+        place = goal.goal_id.split(".")[1]
+        if goal.goal_id.endswith(".takeoff"):
+            log.takeoff_step = 0 if place == "end" else int(place)
+        if place == "end":
             log.last_action = next(name for name in LAST_ACTIONS.values() if f"/{name}/" in f"/{endpoint}/")
 
     def _on_progress(self, t_ns: int, progress: MissionProgress, status: Status | None) -> None:
@@ -148,6 +153,8 @@ def _ends_rightly(log: MissionLog, step: Any, *, landed: bool) -> bool:
         return log.stopped
     if log.state == "succeeded":
         return number == len(log.mission.steps)
-    if not isinstance(step, GoalStep) or step.on_failure.then == "skip":
+    if not isinstance(step, GoalStep):  # a wait can't fail, but a takeoff before it can, which stops the mission
+        return log.takeoff_step == number
+    if step.on_failure.then == "skip":
         return False
     return landed or LAST_ACTIONS.get(step.on_failure.then, "") == log.last_action

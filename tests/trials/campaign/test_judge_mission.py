@@ -15,6 +15,7 @@ from jezero.schemas.mission import (
     MissionCommand,
     MissionProgress,
     MissionReply,
+    WaitStep,
 )
 from jezero.schemas.state import InCharge, Status, StatusCode
 from jezero.trials.campaign.judge import Judge
@@ -24,8 +25,9 @@ S = 1_000_000_000
 RETURNS = GoalStep(label="1 go_to", action="go_to", goal={}, on_failure=FailurePolicy(then="return"))
 SKIPS = GoalStep(label="2 go_to", action="go_to", goal={}, on_failure=FailurePolicy(then="skip"))
 HOVERS = GoalStep(label="3 go_to", action="go_to", goal={})
-MISSION = Mission(name="three", steps=(RETURNS, SKIPS, HOVERS))
-LABELS = ("", "1 go_to", "2 go_to", "3 go_to")
+WAITS = WaitStep(label="4 wait", duration_s=1.0)
+MISSION = Mission(name="four", steps=(RETURNS, SKIPS, HOVERS, WAITS))
+LABELS = ("", "1 go_to", "2 go_to", "3 go_to", "4 wait")
 ACCEPTED = MissionReply(accepted=True, mission_id="m-1")
 
 
@@ -45,8 +47,8 @@ def status(in_charge: InCharge = "goal", goal_id: str = "", interventions: int =
     )
 
 
-def goal(number: int | str, attempt: int = 1) -> Call:
-    goal_id = f"m-1.{number}.{attempt}"
+def goal(number: int | str, attempt: int = 1, before: str = "") -> Call:
+    goal_id = f"m-1.{number}.{attempt}{before}"
     payload: Goal = GoToGoal(goal_id=goal_id, target_ned_m=(1.0, 0.0, -3.0))
     if number == "end":
         payload = ReturnHomeGoal(goal_id=goal_id)
@@ -61,7 +63,7 @@ def progress(state: Any, step: int, attempt: int = 1, label: str = "", reason: s
         reason=reason,
         mission_id="m-1",
         step=step,
-        steps=3,
+        steps=4,
         label=label or LABELS[step],
         attempt=attempt,
     )
@@ -122,7 +124,8 @@ def test_a_mission_that_flies_its_steps_breaks_nothing() -> None:
     script.put(goal(1, 2), progress("running", 1, 2))
     script.put(goal(2), progress("running", 2))
     script.put(goal(3), progress("running", 3))
-    script.put(progress("succeeded", 3))
+    script.put(progress("running", 4))
+    script.put(progress("succeeded", 4))
     assert script.broken == []
 
 
@@ -178,6 +181,8 @@ def test_a_goal_after_a_takeover_is_found_until_somebody_commands(taken: dict[st
         ([goal("end"), progress("failed", 1, label="return home")], []),
         ([progress("failed", 2)], [END]),
         ([progress("failed", 3)], []),
+        ([progress("failed", 4)], [END]),
+        ([goal(4, before=".takeoff"), progress("failed", 4)], []),
         ([progress("failed", 3, reason="")], ["a mission that fails says why"]),
     ],
 )
