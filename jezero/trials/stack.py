@@ -85,7 +85,7 @@ def service_makers(
         return lambda boot: action_server(name, boot, actions)
 
     makers |= {name: action_maker(name) for name in action_names()}
-    makers["preflight"] = lambda boot: Preflight(battery=robot.battery)
+    makers["preflight"] = lambda boot: Preflight(vehicle=robot)
     return makers | {"mission": mission_maker(robot)}
 
 

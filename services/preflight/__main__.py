@@ -18,7 +18,7 @@ from jezero.vehicle_config import VehicleConfig
 def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:
     """The preflight service of a vehicle."""
     keys = certificate_problem(os.environ.get(VARIABLE), datetime.now(UTC))
-    return Preflight(battery=load_config(VehicleConfig, "vehicle").battery, keys=keys), {}
+    return Preflight(vehicle=load_config(VehicleConfig, "vehicle"), keys=keys), {}
 
 
 if __name__ == "__main__":

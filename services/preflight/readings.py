@@ -30,6 +30,7 @@ class Readings:
         parameters: parameters of the estimator; None when it does not reply.
         charge_problem: what is wrong with the reported charge, see `ChargeWatch`, or "".
         compass_problem: what is wrong with the compass, see `HeadingWatch`, or "".
+        height_problem: which measured height is wrong, see `HeightWatch`, or "".
         keys_problem: what is wrong with the certificate of this computer, or "".
     """
 
@@ -43,6 +44,7 @@ class Readings:
     parameters: SetParameters | None = None
     charge_problem: str = ""
     compass_problem: str = ""
+    height_problem: str = ""
     keys_problem: str = ""
 
     def all(self, topic: Topic[M]) -> tuple[M, ...]:

@@ -51,7 +51,7 @@ STANDING_RANGE_MAX_M = 0.8
 def check_sensors(readings: Readings) -> Check:
     """Whether every sensor sends, in time and often enough."""
     failed, warned = list(_silent(readings, NEEDED)), list(_silent(readings, ROVER_SENSORS))
-    failed += _altimeter_too_high(readings)
+    failed += [*_altimeter_too_high(readings), *([readings.height_problem] if readings.height_problem else [])]
     never = [WORDS[t.name] for t in (*NEEDED, *ROVER_SENSORS) if not readings.all(t) and t.name not in readings.heard]
     if never:
         warned.append(f"no readings of {', '.join(never)} so far")

@@ -1,7 +1,8 @@
 """The preflight service: listens to everything for a second, checks it, and publishes what it found.
 
 It does so every ten seconds while the vehicle stands, so that a takeoff never waits for it: the bridge refuses by the
-newest report. In between, and in flight, it listens to status and clock only.
+newest report. In between, and in flight, it listens to status and clock only, and during a takeoff to what measures its
+height.
 """
 
 from collections.abc import Iterator
@@ -43,6 +44,7 @@ from jezero.services.preflight.checks import (
     check_storage,
 )
 from jezero.services.preflight.heading_watch import HeadingWatch
+from jezero.services.preflight.height_watch import HeightWatch
 from jezero.services.preflight.readings import Readings
 from jezero.services.preflight.sensor_checks import (
     check_compass,
@@ -51,7 +53,7 @@ from jezero.services.preflight.sensor_checks import (
     check_rover,
     check_sensors,
 )
-from jezero.vehicle_config import BatteryConfig
+from jezero.vehicle_config import VehicleConfig
 
 CHECKS = (
     check_autopilot, check_services, check_clock, check_sensors, check_noise, check_gnss, check_compass, check_rover,
@@ -73,14 +75,14 @@ class Preflight:
 
     Args:
         actions: names of all actions, whose servers' health is checked too.
-        battery: the vehicle's battery.
+        vehicle: the vehicle itself; None stands for the defaults.
         keys: what is wrong with the certificate of this computer, for people, or "".
     """
 
     def __init__(
-        self, actions: tuple[str, ...] | None = None, battery: BatteryConfig | None = None, keys: str = ""
+        self, actions: tuple[str, ...] | None = None, vehicle: VehicleConfig | None = None, keys: str = ""
     ) -> None:
-        battery = battery or BatteryConfig()
+        vehicle = vehicle or VehicleConfig()
         actions = tuple(action_names()) if actions is None else actions
         self._health = {name: health_of(name) for name in (*SERVICES, *actions)}
         self._on_demand: tuple[Topic[Any], ...] = (*SENSORS, FENCE, *self._health.values())
@@ -94,9 +96,9 @@ class Preflight:
             calls=(GET_PARAMETERS,),
             triggers=(CHECK_PREFLIGHT.name,),
             rate_hz=10.0,
-            made_with={"actions": actions, "battery": battery, "keys": keys},
+            made_with={"actions": actions, "vehicle": vehicle, "keys": keys},
         )
-        self._battery, self._keys = battery, keys
+        self._vehicle, self._keys = vehicle, keys
         self._epoch_id: int | None = None
         self._requests: list[Request] = []
         """Requests for the next round."""
@@ -114,15 +116,18 @@ class Preflight:
         self._heard_services: frozenset[str] = frozenset()
         self._silent_services: frozenset[str] = frozenset()
         self._idle = False
-        self._charge, self._heading = ChargeWatch(battery), HeadingWatch()
+        self._charge, self._heading, self._height = self._watches()
         self._alarmed = False
         """Whether a problem came up in flight since the last round."""
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """Begin a round when it is due or wanted, collect, and end it."""
         self._requests += inbox.requests(CHECK_PREFLIGHT)
+        listened = self._height.listens
         self._watch(inbox)
         if self._round_start_ns is None:
+            if self._height.listens != listened:
+                yield Subscribe(self._between_rounds)
             if self._requests or self._alarmed or (self._idle and inbox.wall_ns >= self._due_ns):
                 yield from self._begin(t_ns, inbox.wall_ns)
             return
@@ -138,8 +143,8 @@ class Preflight:
     def _watch(self, inbox: Inbox) -> None:
         """Follow status and epoch.
 
-        A vehicle that has just landed or become ready is checked at once, and in flight when its charge stands still or
-        its compass is found to be wrong.
+        A vehicle that has just landed or become ready is checked at once, and in flight when its charge stands still, or
+        its compass or one of its heights is found to be wrong.
         """
         status, clock = inbox.latest(STATUS), inbox.latest(CLOCK)
         if clock is not None and clock.epoch_id != self._epoch_id:
@@ -147,17 +152,22 @@ class Preflight:
             self._heard = self._heard_services = self._silent_services = frozenset()
             self._round_start_ns, self._due_ns = None, 0
             self._requests, self._waiting = self._waiting + self._requests, []
-            self._charge, self._heading = ChargeWatch(self._battery), HeadingWatch()
-        before = (self._charge.problem, self._heading.problem)
+            self._charge, self._heading, self._height = self._watches()
+        watches = (self._charge, self._heading, self._height)
+        before = [watch.problem for watch in watches]
         for each in inbox.new(STATUS):
             self._charge.update(each)
             self._heading.update(each)
-        after = (self._charge.problem, self._heading.problem)
-        self._alarmed |= any(now and not then for now, then in zip(after, before, strict=True))
+        if status is not None:
+            self._height.update(status, inbox.new(ALTIMETER), inbox.new(BARO))
+        self._alarmed |= any(watch.problem and not then for watch, then in zip(watches, before, strict=True))
         idle = status is not None and status.code == StatusCode.IDLE and status.ready
         if idle and not self._idle:
             self._due_ns = 0
         self._idle = idle
+
+    def _watches(self) -> tuple[ChargeWatch, HeadingWatch, HeightWatch]:
+        return ChargeWatch(self._vehicle.battery), HeadingWatch(), HeightWatch(self._vehicle)
 
     def _begin(self, t_ns: int, wall_ns: int) -> Iterator[Output]:
         self._round_start_ns, self._round_start_t_ns = wall_ns, t_ns
@@ -165,6 +175,11 @@ class Preflight:
         self._waiting, self._requests = self._requests, []
         yield Subscribe(self._on_demand)
         yield Call(GET_PARAMETERS, GetParameters(), PARAMETERS, timeout_s=1.0)
+
+    @property
+    def _between_rounds(self) -> tuple[Topic[Any], ...]:
+        """Topics on demand that are needed while no round is made."""
+        return (ALTIMETER, BARO) if self._height.listens else ()
 
     def _collect(self, inbox: Inbox) -> None:
         topics: tuple[Topic[Any], ...] = (STATUS, CLOCK, *self._on_demand)
@@ -188,6 +203,7 @@ class Preflight:
             parameters=self._parameters,
             charge_problem=self._charge.problem,
             compass_problem=self._heading.problem,
+            height_problem=self._height.problem,
             keys_problem=self._keys,
         )
         checks = tuple(check(readings) for check in CHECKS)
@@ -207,7 +223,7 @@ class Preflight:
         failed = report.failed()
         self._due_ns = wall_ns + (FAILED_PERIOD_NS if failed or self._silent_services else PERIOD_NS)
         waiting, self._waiting = self._waiting, []
-        yield Subscribe(())
+        yield Subscribe(self._between_rounds)
         yield Publish(PREFLIGHT, report)
         yield from (Reply(request.request_id, PreflightReply(report=report)) for request in waiting)
         names = ", ".join(check.name for check in failed)

@@ -1,0 +1,100 @@
+"""Of the three heights of a takeoff, the one that differs is named."""
+
+import pytest
+from msgspec.structs import replace
+
+from jezero.schemas.sensors import Altimeter, Barometer
+from jezero.schemas.state import Status
+from jezero.services.preflight.height_watch import HeightWatch
+from jezero.services.preflight.sensor_checks import check_sensors
+from jezero.vehicle_config import VehicleConfig
+from tests.services.preflight.healthy import readings, status
+
+S = 1_000_000_000
+HOME_BAROMETER_M = 488.0
+
+
+def at(t_s: float, height_m: float, *, armed: bool = True, north_m: float = 0.0, step_m: float = 0.0) -> Status:
+    """A status at a height above the takeoff; the autopilot has moved its estimate up by step_m so far."""
+    t_ns = round(t_s * S)
+    plain = status()
+    assert plain.odometry is not None
+    odometry = replace(
+        plain.odometry,
+        t_ns=t_ns,
+        pos_uav_ned_m=(north_m, 0.0, -height_m - step_m),
+        reset_offset_ned_m=(0.0, 0.0, -step_m),
+    )
+    return replace(plain, t_ns=t_ns, armed=armed, landed=height_m == 0.0, odometry=odometry)
+
+
+def climbed(
+    height_m: float,
+    *,
+    range_m: float | None,
+    barometer_m: float,
+    way_m: float = 0.0,
+    step_m: float = 0.0,
+    hovers_s: float = 3.0,
+) -> HeightWatch:
+    """The watch after a takeoff to a height, and some seconds there."""
+    watch = HeightWatch(VehicleConfig())
+    stands = Barometer(t_ns=0, pressure_pa=95_000.0, altitude_pressure_m=HOME_BAROMETER_M, temperature_degc=15.0)
+    for tenth in range(10):
+        watch.update(at(0.1 * tenth, 0.0), [Altimeter(t_ns=0)], [stands])
+    for tenth in range(10, 10 + round(10 * hovers_s) + 1):
+        there = replace(stands, altitude_pressure_m=HOME_BAROMETER_M + barometer_m)
+        state = at(0.1 * tenth, height_m, north_m=way_m, step_m=step_m)
+        watch.update(state, [Altimeter(t_ns=0, range_m=range_m)], [there])
+    return watch
+
+
+@pytest.mark.parametrize(
+    ("range_m", "barometer_m", "named"),
+    [
+        (0.2, 3.1, "by the altimeter 0.2 m: the altimeter is wrong"),
+        (8.0, 2.6, "by the altimeter 8.0 m: the altimeter is wrong"),
+        (None, 2.6, "the altimeter measures nothing"),
+        (3.0, 0.0, "by the barometer 0.0 m, by the altimeter 3.0 m: the barometer is wrong"),
+        (0.2, 0.1, "at least two of them are wrong"),
+    ],
+)
+def test_the_height_that_differs_from_the_others_is_named(
+    range_m: float | None, barometer_m: float, named: str
+) -> None:
+    watch = climbed(3.0, range_m=range_m, barometer_m=barometer_m)
+    assert named in watch.problem
+    check = check_sensors(readings(height_problem=watch.problem))
+    assert check.verdict == "failed" and named in check.text
+
+
+def test_a_platform_under_the_beam_a_reset_of_the_height_and_moving_air_are_normal() -> None:
+    assert climbed(3.0, range_m=2.5, barometer_m=3.0).problem == ""
+    assert climbed(3.0, range_m=3.5, barometer_m=1.5).problem == ""
+    assert climbed(3.0, range_m=3.0, barometer_m=3.0, step_m=4.0).problem == ""
+
+
+def test_a_short_difference_is_normal() -> None:
+    assert climbed(3.0, range_m=0.2, barometer_m=3.0, hovers_s=0.8).problem == ""
+
+
+def test_the_altimeter_is_not_compared_over_other_ground_nor_above_its_range() -> None:
+    assert climbed(3.0, range_m=6.0, barometer_m=3.0, way_m=4.0).problem == ""
+    assert climbed(9.0, range_m=None, barometer_m=9.0).problem == ""
+    assert "one of the two is wrong" in climbed(9.0, range_m=None, barometer_m=0.0).problem
+
+
+def test_it_listens_from_the_arming_to_a_minute_after_the_takeoff() -> None:
+    watch = HeightWatch(VehicleConfig())
+    heard = []
+    for state in (at(0.0, 0.0, armed=False), at(1.0, 0.0), at(30.0, 3.0), at(62.0, 3.0), at(63.0, 0.0, armed=False)):
+        watch.update(state, [], [])
+        heard.append(watch.listens)
+    assert heard == [False, True, True, False, False]
+
+
+def test_a_vehicle_that_was_first_heard_in_the_air_is_not_judged() -> None:
+    watch = HeightWatch(VehicleConfig())
+    for tenth in range(30):
+        watch.update(at(0.1 * tenth, 3.0), [Altimeter(t_ns=0, range_m=0.2)], [])
+    assert (watch.problem, watch.listens) == ("", False)
