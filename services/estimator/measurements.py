@@ -47,6 +47,8 @@ SPEED_STILL_MPS, STD_ZERO_VELOCITY_MPS = 1e-3, 0.002
 """Below this speed the rover's wheels stand still; standard deviation of its velocity then (zero-velocity update)."""
 STD_FORWARD_PER_SPEED, STD_LATERAL_PER_SPEED, STD_VERTICAL_PER_SPEED = 0.03, 0.04, 0.1
 """Standard deviations in proportion to the speed, for wheel radius and slip, sideslip, and slope of the ground."""
+STDS_SPEED_UNKNOWN_MPS = (10.0, 0.1, 0.3)
+"""Along the heading, across it and down, for a rover whose speed is not measured."""
 STD_TILT_FAST_RAD = 0.003
 """Part of the vehicle's attitude error that is independent from image to image."""
 STD_CORNER_M = 0.003
@@ -125,6 +127,10 @@ class RoverOdometryMeasurement(msgspec.Struct, frozen=True, gc=False):
     """Speed, yaw and yaw rate of the rover, which drives along its heading. Source: thesis eq. 4.15.
 
     Measurements beyond the gate are not discarded, but their covariance is increased; they count as rejected.
+
+    Attributes:
+        speed_known: false when the speed is not to be used: then yaw and yaw rate are measured, and that the rover does
+            not slide.
     """
 
     kind: ClassVar[Kind] = "rover"
@@ -135,6 +141,7 @@ class RoverOdometryMeasurement(msgspec.Struct, frozen=True, gc=False):
     std_speed_mps: float
     std_yaw_rad: float
     std_yaw_rate_rps: float
+    speed_known: bool = True
 
     def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> UpdateResult:
         x = kalman.x
@@ -174,13 +181,15 @@ class RoverOdometryMeasurement(msgspec.Struct, frozen=True, gc=False):
             ("rover_yaw", 3, self.std_yaw_rad),
             ("rover_yaw_rate", 4, self.std_yaw_rate_rps),
         ]
-        if abs(self.speed_mps) >= SPEED_STILL_MPS:
+        if self.speed_known and abs(self.speed_mps) >= SPEED_STILL_MPS:
             measured.append(("rover_speed", 0, None))  # its noise depends on the speed too
         for sensor, i, setting in measured:
             part = slice(i, i + 1)
             kalman.announce(sensor, innovation[part], H[part], R[part, part], accepted[part], setting)
 
     def _stds(self) -> Array:
+        if not self.speed_known:
+            return np.array((*STDS_SPEED_UNKNOWN_MPS, self.std_yaw_rad, self.std_yaw_rate_rps))
         speed = abs(self.speed_mps)
         if speed < SPEED_STILL_MPS:
             still = STD_ZERO_VELOCITY_MPS

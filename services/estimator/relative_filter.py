@@ -1,6 +1,6 @@
 """Filter of the relative position: initialization, delayed measurements, and reset after lasting rejection."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from math import inf, isfinite
 
 import msgspec
@@ -18,6 +18,7 @@ from jezero.services.estimator.measurements import (
     Kind,
     Measurement,
     OdometryMeasurement,
+    RoverOdometryMeasurement,
     TagMeasurement,
     UwbMeasurement,
     can_linearize_ranges,
@@ -199,13 +200,16 @@ class RelativeFilter:
 
     def _check_consistency(self, history: MeasurementHistory, measurements: Sequence[Measurement]) -> None:
         monitor, kalman = self.consistency, history.kalman
+        monitor.follow_motion(measurements, kalman)
         if not self.located:
             return
-        error_rad = monitor.check_motion(list(measurements), kalman, self._window)
+        left_out = monitor.tag_left_out, monitor.speed_left_out
+        error_rad = monitor.check_motion(measurements, kalman, self._window)
         if error_rad is not None:
             history.add([HeadingReset(kalman.t_ns, -error_rad, STD_HEADING_RESET_RAD)])
             self._reset_by_uwb(history, force=True)
-        if monitor.uwb_left_out and "uwb" in self.inputs:
+        newly_left_out = left_out != (monitor.tag_left_out, monitor.speed_left_out)
+        if newly_left_out or (monitor.uwb_left_out and "uwb" in self.inputs):
             self.restart(self._prior)
             return
         for measurement in measurements:
@@ -220,12 +224,7 @@ class RelativeFilter:
     def _without_left_out(self, measurements: Sequence[Measurement]) -> Sequence[Measurement]:
         """The measurements that may be used."""
         monitor = self.consistency
-        if monitor.uwb_left_out:
-            return [m for m in measurements if type(m) is not UwbMeasurement]
-        if monitor.anchor_left_out is None:
-            return measurements
-        anchor_m = monitor.anchor_left_out
-        return [m.without(anchor_m) if isinstance(m, UwbMeasurement) else m for m in measurements]
+        return measurements if not monitor.left_out else [used for m in measurements for used in _admitted(monitor, m)]
 
     def _judge_uwb(self, history: MeasurementHistory, since_ns: int) -> None:
         """Leave out the part of UWB that contradicts the tag, and start again without it."""
@@ -316,3 +315,18 @@ class RelativeFilter:
                     [PositionReset(tag.t_ns, tag.pos_rel_m, STD_TAG_RESET_M**2 * np.eye(3), tag.error_jacobian())]
                 )
                 self._reset_at_ns[kind] = t_ns
+
+
+def _admitted(monitor: ConsistencyMonitor, measurement: Measurement) -> Iterator[Measurement]:
+    """The part of a measurement that may be used, if there is one."""
+    if isinstance(measurement, UwbMeasurement):
+        if not monitor.uwb_left_out:
+            anchor_m = monitor.anchor_left_out
+            yield measurement if anchor_m is None else measurement.without(anchor_m)
+    elif isinstance(measurement, TagMeasurement):
+        if not monitor.tag_left_out:
+            yield measurement
+    elif isinstance(measurement, RoverOdometryMeasurement) and monitor.speed_left_out:
+        yield msgspec.structs.replace(measurement, speed_known=False)
+    else:
+        yield measurement

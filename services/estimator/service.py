@@ -334,8 +334,9 @@ class Estimator:
     def _is_contradicted(self) -> bool:
         """Whether inputs contradict each other or the altimeter; to be called for an invalid estimate."""
         relative = self._filter
-        left_out = bool(relative.consistency.uwb_left_out) and self._selection.use_uwb
-        return left_out or bool(relative.consistency.height) or relative.has_input_conflict
+        monitor, selection = relative.consistency, self._selection
+        left_out = (monitor.uwb_left_out and selection.use_uwb) or (monitor.tag_left_out and selection.use_tag)
+        return bool(left_out) or bool(monitor.height) or relative.has_input_conflict
 
     def _relative(self, t_ns: int, estimate: Estimate | None, reason: str) -> Relative:
         selection, located = self._selection, self._filter.located

@@ -37,7 +37,7 @@ def invalid_reason(
     if not reason:
         return ""
     causes = (
-        relative.consistency.left_out if selection.use_uwb else "",
+        relative.consistency.left_out,
         arrivals.late_reason(t_ns, UWB) if selection.use_uwb else "",
         arrivals.late_reason(t_ns, TAG) if selection.use_tag else "",
     )

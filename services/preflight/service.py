@@ -143,8 +143,8 @@ class Preflight:
     def _watch(self, inbox: Inbox) -> None:
         """Follow status and epoch.
 
-        A vehicle that has just landed or become ready is checked at once, and in flight when its charge stands still, or
-        its compass or one of its heights is found to be wrong.
+        A vehicle that has just landed or become ready is checked at once, and in flight when its charge stands still,
+        or its compass or one of its heights is found to be wrong.
         """
         status, clock = inbox.latest(STATUS), inbox.latest(CLOCK)
         if clock is not None and clock.epoch_id != self._epoch_id:

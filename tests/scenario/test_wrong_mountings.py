@@ -17,6 +17,7 @@ from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.schemas import topics
 from jezero.schemas.goals import LandOnSpotGoal, TakeoffGoal
+from jezero.schemas.health import ServiceHealth
 from jezero.schemas.preflight import PreflightReport
 from jezero.schemas.sensors import Altimeter, CameraInfo, Magnetometer, Uwb
 from jezero.trials.stack import boot_id, service_makers, wired_bus
@@ -38,6 +39,9 @@ CASES = [
 ]
 OFF_MAX_M = {"takeoff": 1.5, "go_to": 1.0, "land_on_spot": 0.5}
 """Greatest horizontal distance in truth from where a goal was asked to end, of one that succeeds."""
+CAMERA_NAMED_DEG = 45
+"""Angle from which a camera that is turned must be named."""
+ESTIMATOR = topics.health_of("estimator").name
 FAR = (15.0, 0.0, -3.0)
 
 
@@ -87,12 +91,14 @@ class WrongFlight(Flight):
 
     Attributes:
         doubts: what preflight said of sensors, as warnings and failures.
+        left_out: what the estimator left out or corrected, for people.
     """
 
     def __init__(self, sensor: str, angle_deg: float) -> None:
         self._vehicle = load_config(VehicleConfig, "vehicle")
         self._sensor, self._angle_deg = sensor, angle_deg
         self.doubts: list[str] = []
+        self.left_out: list[str] = []
         super().__init__(3, self._make)
         tamper = wrong_messages(sensor, angle_deg, self._vehicle)
         self.bus.tamper = lambda sender, receiver, name, t_ns, data: [(t_ns, tamper(name, data))]
@@ -117,6 +123,9 @@ class WrongFlight(Flight):
         return True
 
     def _keep(self, t_ns: int, topic: str, data: bytes) -> None:
+        if topic == ESTIMATOR:
+            text = msgspec.json.decode(data, type=ServiceHealth).text
+            self.left_out += [part for part in text.split("; ") if "left out" in part or "corrected" in part]
         if topic == topics.PREFLIGHT.name:
             report = msgspec.json.decode(data, type=PreflightReport)
             checks = [each for each in report.checks if each.name in ("sensors", "noise", "gnss", "compass", "rover")]
@@ -142,4 +151,8 @@ def test_no_goal_succeeds_somewhere_else_than_it_was_asked_to(sensor: str, angle
     print(f"\n{sensor} {angle_deg}°: {'; '.join(sorted(set(flight.doubts))) or 'preflight passes'}")
     for name, outcome, off_m, reason in ends:
         print(f"    {name} {outcome}, {off_m:.2f} m off {reason}")
+    for text in dict.fromkeys(flight.left_out):
+        print(f"    the estimator: {text}")
+    if sensor == "camera" and angle_deg >= CAMERA_NAMED_DEG:
+        assert any("the tags are left out" in text and "the turn of the camera" in text for text in flight.left_out)
     assert all(off_m < OFF_MAX_M[name] for name, outcome, off_m, _ in ends if outcome == "succeeded")

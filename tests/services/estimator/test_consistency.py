@@ -1,7 +1,5 @@
 """What contradicts the rest is found, named and left out."""
 
-from math import cos, pi, sin
-
 import numpy as np
 import pytest
 
@@ -15,7 +13,7 @@ from jezero.services.estimator.measurements import (
     TagMeasurement,
     UwbMeasurement,
 )
-from jezero.services.estimator.motion_check import MotionCheck
+from jezero.services.estimator.motion_check import Difference
 from jezero.services.estimator.relative_filter import RelativeFilter
 from jezero.vehicle_config import PlatformConfig
 from tests.services.estimator.test_filter import (
@@ -30,39 +28,6 @@ from tests.services.estimator.test_filter import (
 )
 
 REL_M = POS_UAV_M - POS_ROVER_M
-
-
-def after_motion(turn_rad: float, factor: float = 1.0, std_m: float = 0.02, step_m: float = 0.2) -> MotionCheck:
-    """A vehicle that moves north for 5 s, measured on a path that is turned and stretched."""
-    check = MotionCheck()
-    for i in range(20):
-        north_m = step_m * i
-        measured_m = (factor * north_m * cos(turn_rad) + 3.0, factor * north_m * sin(turn_rad) - 1.0)
-        check.add(i * 250 * MS, (north_m, 0.0), measured_m, std_m)
-    return check
-
-
-def test_a_path_turned_by_90_degrees_contradicts_the_motion_and_names_the_angle() -> None:
-    check = after_motion(0.5 * pi)
-    assert check.contradiction == "turned by 90 degrees against the vehicle's own motion and 1.0 times as long"
-    assert check.turn_rad == pytest.approx(0.5 * pi)
-
-
-def test_a_path_of_twice_the_length_contradicts_the_motion_without_a_turn() -> None:
-    check = after_motion(0.0, 2.0)
-    assert check.contradiction.endswith("2.0 times as long")
-    assert check.turn_rad == 0.0
-
-
-@pytest.mark.parametrize(
-    ("turn_rad", "factor", "std_m", "step_m"),
-    [(0.0, 1.0, 0.02, 0.2), (0.2, 1.1, 0.02, 0.2), (0.5 * pi, 1.0, 2.0, 0.2), (0.5 * pi, 1.0, 0.02, 0.02)],
-    ids=["right", "nearly right", "too uncertain", "hardly any motion"],
-)
-def test_what_a_path_cannot_show_is_no_contradiction(
-    turn_rad: float, factor: float, std_m: float, step_m: float
-) -> None:
-    assert after_motion(turn_rad, factor, std_m, step_m).contradiction == ""
 
 
 def pairs(errors_m: tuple[float, float, float, float]) -> list[tuple[TagMeasurement, UwbMeasurement]]:
@@ -91,6 +56,33 @@ def test_ranges_of_which_no_single_anchor_stands_out_are_all_left_out(
     assert monitor.uwb_left_out.startswith("UWB is left out, as it contradicts the tag: check")
     monitor.readmit()
     assert monitor.left_out == ""
+
+
+@pytest.mark.parametrize(
+    ("difference", "heading_turned", "left_out"),
+    [
+        (Difference("faster", speed_error_mps=0.8), "", "the rover's speed is left out"),
+        (
+            Difference("turned", turn_rad=0.8),
+            "",
+            "the tags are left out, as their path is turned: check the turn of the",
+        ),
+        (
+            Difference(),
+            "the heading was corrected",
+            "the tags are left out, as the rover's heading by them contradicts",
+        ),
+        (Difference(), "", "UWB is left out"),
+    ],
+)
+def test_what_contradicts_the_motion_is_left_out_where_uwb_and_the_tag_agree(
+    difference: Difference, heading_turned: str, left_out: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monitor = ConsistencyMonitor(0.5)
+    monitor.heading_turned = heading_turned
+    monkeypatch.setattr(monitor._tag_motion, "difference", difference)
+    monitor.judge_uwb(pairs((0.3, 0.3, 0.3, 0.3)), YAW_RAD)  # a bias that all share
+    assert monitor.left_out.startswith(left_out)
 
 
 @pytest.mark.parametrize(
