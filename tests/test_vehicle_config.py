@@ -26,8 +26,8 @@ from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
 from jezero.services.actions.config import ActionsConfig, load_actions_config
 from jezero.services.actions.go_to.declaration import ACTION as GO_TO
-from jezero.services.actions.land_on_spot.descent import TouchdownDetector
-from jezero.services.actions.land_on_spot.platform_control import PlatformState
+from jezero.services.actions.land_on_spot.contact import TouchdownDetector
+from jezero.services.actions.land_on_spot.platform import PlatformState
 from jezero.services.actions.lifecycle.declaration import ActionDeclaration
 from jezero.services.actions.motion.behaviour import Plan, Refusal
 from jezero.services.actions.motion.limits import beyond_limits

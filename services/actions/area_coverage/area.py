@@ -1,17 +1,24 @@
-"""The area of a goal: its polygons are repaired where their meaning is clear, and refused where it is not."""
+"""The area of a goal: its polygons are repaired where their meaning is clear, and refused where it is not.
+
+The vehicle may fly inside the outline and away from the holes, each by a margin.
+"""
 
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from math import dist
+from math import cos, dist, pi
 
+import numpy as np
 import shapely
+from numpy.typing import NDArray
 from shapely.geometry import LineString, MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from jezero.frames import geodetic_from_ned
 
 Point = tuple[float, float]
+Array = NDArray[np.float64]
+"""Points in rows of north and east, and other numbers of a path."""
 AREA_MIN_M2 = 1e-4
 CORNERS_APART_M = 0.01
 """Nearer corners are the same one, and a corner nearer to the line between its neighbours is none: no vehicle flies as
@@ -95,19 +102,19 @@ def repair_area(
             raise AreaError(f"hole {number} is not wholly inside the polygon: correct it, or leave it out")
         holes.append(hole)
     left_out = shapely.union_all(holes) if holes else Polygon()
-    area = _main_of(outline.difference(left_out), warnings) if holes else outline
+    area = _main_without_holes(outline.difference(left_out), warnings) if holes else outline
     if (corners := shapely.get_num_coordinates(area)) > CORNERS_MAX:
         raise AreaError(f"the area has {corners} corners, more than {CORNERS_MAX}: simplify it, or map it in parts")
     return RepairedArea(area, outline, left_out, tuple(warnings))
 
 
-def _main_of(ground: BaseGeometry, warnings: list[str]) -> Polygon:
+def _main_without_holes(ground: BaseGeometry, warnings: list[str]) -> Polygon:
     """The main part of what the holes leave of the polygon."""
     parts = polygons_of(ground)
     left_m2 = sum(part.area for part in parts)
     if left_m2 < AREA_MIN_M2:
         raise AreaError("nothing is left to cover: the holes are as large as the polygon")
-    main = max(parts, key=lambda part: float(part.area))
+    main = _largest(parts)
     if main.area < MAIN_MIN * left_m2:
         raise AreaError(f"the holes cut the polygon into {len(parts)} parts: map these one by one")
     if len(parts) > 1:
@@ -153,7 +160,7 @@ def _untangled(ring: Polygon, name: str, places: PlaceNames, warnings: list[str]
     if total_m2 < AREA_MIN_M2:
         raise AreaError(f"{name} has an area of {total_m2:.1e} m²: its corners are on one line")
     by_crossings = shapely.make_valid(ring)
-    main = max(parts, key=lambda part: float(part.area))
+    main = _largest(parts)
     lost_m2 = total_m2 - main.area
     unclear_m2 = everything.symmetric_difference(shapely.union_all(polygons_of(by_crossings))).area
     if lost_m2 + unclear_m2 > (1.0 - MAIN_MIN) * total_m2:
@@ -183,8 +190,89 @@ def _size(area_m2: float) -> str:
     return f"{area_m2:.2g} m²"
 
 
+TRACKING_M = 0.15
+"""Distance from its path that a vehicle hardly exceeds in wind. A margin holds for the vehicle, so the path keeps this
+much more; without a margin the path may lie on the outline itself."""
+ARC_SEGMENTS = 4
+ARC_OUTWARDS = 1.0 / cos(0.25 * pi / ARC_SEGMENTS)
+"""Factor of a radius that keeps the chords of a quarter circle of ARC_SEGMENTS outside the circle."""
+MARGIN_LOSS_MIN = 0.01
+"""Least fraction of the area that the margins leave out, for a warning."""
+MAIN_IN_MARGINS_MIN = 0.9
+"""Least fraction of what the margins leave in its main part: corners behind a hole may be cut off, not half a field."""
+
+
+@dataclass(frozen=True)
+class FlightArea:
+    """Ground to sweep, and where the vehicle may fly for that.
+
+    Attributes:
+        sweep: ground of the area within half a line distance of `fly`.
+        fly: ground over which the path may lead.
+        warnings: what the margins change, for people.
+    """
+
+    sweep: Polygon
+    fly: Polygon
+    warnings: tuple[str, ...]
+
+
+def flight_area(
+    area: RepairedArea, resolution_m: float, *, margin_outline_m: float = 0.0, margin_holes_m: float = 0.0
+) -> FlightArea:
+    """Where to fly over an area.
+
+    Args:
+        resolution_m: distance between lines.
+        margin_outline_m: least distance of the vehicle from the outline, inside it.
+        margin_holes_m: least distance of the vehicle from each hole.
+
+    Raises:
+        AreaError: the margins leave nothing, or cut the area into parts.
+    """
+    if not margin_outline_m and (not margin_holes_m or area.holes.is_empty):
+        return FlightArea(area.polygon, area.polygon, ())
+    inside = area.outline.buffer(-_with_tracking(margin_outline_m), quad_segs=ARC_SEGMENTS)
+    blocked = area.holes.buffer(_with_tracking(margin_holes_m), quad_segs=ARC_SEGMENTS)
+    fly = _main_in_margins(inside.difference(blocked).intersection(area.polygon), margin_outline_m, margin_holes_m)
+    sweep = _largest(polygons_of(area.polygon.intersection(fly.buffer(0.5 * resolution_m))))
+    lost = 1.0 - sweep.area / area.polygon.area
+    if lost <= MARGIN_LOSS_MIN:
+        return FlightArea(sweep, fly, ())
+    margins = _margins_in_words(margin_outline_m, margin_holes_m)
+    warning = f"the margins ({margins}) leave out {100.0 * lost:.0f} % of the area: no line passes there"
+    return FlightArea(sweep, fly, (warning,))
+
+
+def _with_tracking(margin_m: float) -> float:
+    return ARC_OUTWARDS * (margin_m + TRACKING_M) if margin_m else 0.0
+
+
+def _main_in_margins(ground: Polygon | MultiPolygon, margin_outline_m: float, margin_holes_m: float) -> Polygon:
+    """The main part of what the margins leave."""
+    parts = polygons_of(ground)
+    margins = _margins_in_words(margin_outline_m, margin_holes_m)
+    if not parts:
+        raise AreaError(f"the margins ({margins}) leave nothing to fly over: take smaller ones")
+    main = _largest(parts)
+    if main.area < MAIN_IN_MARGINS_MIN * sum(part.area for part in parts):
+        raise AreaError(
+            f"the margins ({margins}) cut the area into {len(parts)} parts: take smaller ones, or map the parts one "
+            "by one"
+        )
+    return main
+
+
+def _margins_in_words(margin_outline_m: float, margin_holes_m: float) -> str:
+    return f"{margin_outline_m:g} m from the outline, {margin_holes_m:g} m from holes"
+
+
 def polygons_of(geometry: BaseGeometry) -> list[Polygon]:
     """The polygons in a geometry, without points, lines and empty parts."""
     parts = shapely.get_parts(geometry)
     nested = [polygons_of(part) if isinstance(part, MultiPolygon) else [part] for part in parts]
     return [part for group in nested for part in group if isinstance(part, Polygon) and not part.is_empty]
+
+
+def _largest(parts: Sequence[Polygon]) -> Polygon:
+    return max(parts, key=lambda part: float(part.area))

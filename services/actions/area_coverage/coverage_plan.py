@@ -5,27 +5,27 @@ from dataclasses import dataclass, replace
 from math import cos, floor, sin
 
 import numpy as np
-from numpy.typing import NDArray
 from shapely.affinity import translate
 from shapely.geometry import Polygon
 
 from jezero.frames import Vec3, add, altitude_m
 from jezero.schemas.goals import AreaCoverageGoal
-from jezero.services.actions.area_coverage.area import AreaError, PlaceNames, Point, repair_area
-from jezero.services.actions.area_coverage.flight_area import FlightArea, flight_area
-from jezero.services.actions.area_coverage.ground import CoveredGround
-from jezero.services.actions.area_coverage.path import covered_fraction, distance_outside_m, plan_path, turn_cuts
-from jezero.services.actions.area_coverage.photographs import (
-    Photographs,
-    photographed_fraction,
-    planned_footprint,
+from jezero.services.actions.area_coverage.area import (
+    AreaError,
+    Array,
+    FlightArea,
+    PlaceNames,
+    Point,
+    flight_area,
+    repair_area,
 )
-from jezero.services.actions.area_coverage.trajectory import Trajectory, make_trajectory, picture_distances
+from jezero.services.actions.area_coverage.ground import CoveredGround, photographed_fraction, planned_footprint
+from jezero.services.actions.area_coverage.path import covered_fraction, distance_outside_m, plan_path
+from jezero.services.actions.area_coverage.trajectory import Trajectory, make_trajectory, picture_distances, turn_cuts
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.motion.limits import beyond_limits, low_refusal, speed_refusal
 from jezero.vehicle_config import CameraMountConfig, VehicleConfig
 
-Array = NDArray[np.float64]
 CUTS = (0.5, 0.25, 0.1)
 """Distances before a corner at which its turn begins, in line distances: wide turns are faster, narrow ones leave out
 less of the ground at their corner."""
@@ -35,6 +35,68 @@ OUTSIDE_MAX_M = 0.05
 """A path that leaves its area or its margins farther than this is not flown, whatever planned it."""
 DIRECTION_RAD = np.pi / 180.0
 """Directions nearer to each other than this are the same."""
+PHOTOGRAPHED_MIN = 0.9
+"""A plan whose pictures show less of the area is refused: somebody who wants pictures of all of it has taken a wrong
+number. Along the edge of the area some percent may be missing in a good plan too."""
+PHOTOGRAPHED_GOOD = 0.99
+OVERLAP_GOOD = 0.5
+"""With less overlap, a tilt of some degrees or a drift of half a metre leaves a gap beside a picture, and too little
+ground is on two pictures for a map to tie them together."""
+
+
+@dataclass(frozen=True)
+class Photographs:
+    """The pictures of a plan, each of a vehicle that flies level over level ground.
+
+    Attributes:
+        footprint_m: (4, 2) north and east of a picture's corners on the ground, from the point of the picture.
+        size_m: width across and along the lines of the part of a picture that counts.
+        line_distance_m: between neighbouring lines.
+        picture_distance_m: between pictures along the path.
+        count: number of pictures.
+        fraction: photographed fraction of the area.
+    """
+
+    footprint_m: Array
+    size_m: tuple[float, float]
+    line_distance_m: float
+    picture_distance_m: float
+    count: int
+    fraction: float
+
+    @property
+    def overlap(self) -> tuple[float, float]:
+        """Fraction of a picture that the picture beside it, and the next one on the line, show again; 0 at least."""
+        across_m, along_m = self.size_m
+        return max(0.0, 1.0 - self.line_distance_m / across_m), max(0.0, 1.0 - self.picture_distance_m / along_m)
+
+    def refusal(self) -> str:
+        """Reason why the pictures would show too little of the area, with what to change, or ""."""
+        if self.fraction >= PHOTOGRAPHED_MIN:
+            return ""
+        return (
+            f"only {floor(100.0 * self.fraction)} % of the area would be in the pictures: {self._spacing()}; take a "
+            f"resolution of {0.5 * min(self.size_m):.2g} m, or an overlap of 0.5, or fly higher; with force (--force) "
+            "it is flown like this"
+        )
+
+    def warnings(self) -> Iterator[str]:
+        """What the user should know before the flight."""
+        if self.fraction < PHOTOGRAPHED_GOOD:
+            yield f"only {floor(100.0 * self.fraction)} % of the area will be in the pictures: {self._spacing()}"
+        if self.count > 1 and min(self.overlap) < OVERLAP_GOOD - 1e-6:
+            across, along = (100.0 * overlap for overlap in self.overlap)
+            yield (
+                f"pictures overlap by {along:.0f} % along the lines and {across:.0f} % across them: below "
+                f"{100.0 * OVERLAP_GOOD:.0f} %, tilt and drift leave gaps, and a map can't tie all pictures together"
+            )
+
+    def _spacing(self) -> str:
+        across_m, along_m = self.size_m
+        return (
+            f"each shows {across_m:.1f} m x {along_m:.1f} m of the ground, lines are {self.line_distance_m:.4g} m and "
+            f"pictures {self.picture_distance_m:.4g} m apart"
+        )
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,13 @@ from math import ceil, hypot, sqrt
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.geometry import Polygon
 
-from jezero.frames import Quat, quat_rotate
+from jezero.frames import Quat, q_frd_from_camera, quat_from_euler, quat_multiply, quat_rotate
 from jezero.lens import undistort
+from jezero.services.actions.area_coverage.area import Array
 from jezero.vehicle_config import CameraMountConfig
 
-Array = NDArray[np.float64]
 CELLS_PER_LINE = 20
 CELLS_PER_PICTURE = 40
 """Cells of the photographed ground along the shorter side of a picture."""
@@ -136,3 +135,18 @@ def footprint(camera: CameraMountConfig, q_ned_from_camera: Quat, height_m: floa
     rays = [quat_rotate(q_ned_from_camera, (float(x), float(y), 1.0)) for x, y in seen]
     scales = [height_m / max(ray[2], HORIZON * float(np.linalg.norm(ray))) for ray in rays]
     return np.array([(scale * ray[0], scale * ray[1]) for scale, ray in zip(scales, rays, strict=True)])
+
+
+def planned_footprint(camera: CameraMountConfig, heading_rad: float, height_m: float) -> Array:
+    """(4, 2) `footprint` of a vehicle that flies level, with its camera at rest."""
+    q_ned_from_frd = quat_from_euler(0.0, 0.0, heading_rad)
+    q_camera = q_frd_from_camera(camera.pitch_rest_rad, camera.roll_offset_rad, camera.turn_rad)
+    return footprint(camera, quat_multiply(q_ned_from_frd, q_camera), height_m)
+
+
+def photographed_fraction(area: Polygon, pictures_m: Array, footprint_m: Array) -> float:
+    """Fraction of an area that is in at least one of the pictures at (n, 2) points."""
+    ground = PhotographedGround(area, footprint_m)
+    for picture_m in pictures_m:
+        ground.mark(footprint_m, *picture_m)
+    return ground.fraction

@@ -4,15 +4,20 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
+import shapely
 from scipy.interpolate import BSpline
+from shapely.geometry import Polygon
 
-Array = NDArray[np.float64]
+from jezero.services.actions.area_coverage.area import Array
+
 SPACING_STRAIGHT_M = 0.25
 SPEED_MIN_MPS = 0.05
 SAMPLES_OF_TURN = np.linspace(0.0, 1.0, 17)
 SHARP_RAD = np.pi / 4.0
 """A corner that bends this much from one sample to the next has no turn: the vehicle nearly stops there."""
+CUT_HALVINGS = 6
+ROUNDING_M = 1e-3
+"""What a turn may leave the area by: far below what a vehicle flies by, and far above errors of rounding."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +74,7 @@ def make_trajectory(
         cut_m: greatest distance before a corner at which its turn begins; one for all, or (n,) one for each corner.
         from_m: the path before this distance along it is left out.
     """
-    points = _rest_of(smooth(corners_m, cut_m), from_m)
+    points = _rest_of(_smooth(corners_m, cut_m), from_m)
     part_mps2 = acceleration_mps2 / sqrt(2.0)
     steps_m = np.linalg.norm(np.diff(points, axis=0), axis=1)
     distance_m = np.concatenate(([0.0], np.cumsum(steps_m)))
@@ -90,7 +95,7 @@ def make_trajectory(
     return Trajectory(t_s, distance_m, points, speeds[:, None] * tangents, acc)
 
 
-def smooth(corners_m: Array, cut_m: Array | float) -> Array:
+def _smooth(corners_m: Array, cut_m: Array | float) -> Array:
     """Points (m, 2) along straight lines and turns; a turn is a cubic B-spline whose curvature begins and ends at 0.
 
     The control points of a turn at V, between directions u and w, are V - 2cu, V - cu, V, V + cw, V + 2cw: the curve
@@ -155,6 +160,32 @@ def _reachable(limit_mps: Array, steps_m: Array, acceleration_mps2: float) -> Ar
     for i, step_m in enumerate(steps_m):
         speeds[i + 1] = min(speeds[i + 1], np.sqrt(speeds[i] ** 2 + 2.0 * acceleration_mps2 * step_m))
     return speeds
+
+
+def turn_cuts(path_m: Array, area: Polygon, cut_max_m: float) -> Array:
+    """(n,) the largest distance before each corner of a path at which its turn may begin without leaving the area.
+
+    The turn stays in the triangle between its begin, its end and the corner. Where even a small triangle leaves the
+    area, at a corner on the outline itself, there is no turn.
+    """
+    cuts_m = np.full(len(path_m), cut_max_m)
+    if len(path_m) < 3:
+        return cuts_m
+    around = area.buffer(ROUNDING_M, join_style="mitre")
+    shapely.prepare(around)
+    legs = np.diff(path_m, axis=0)
+    lengths_m = np.linalg.norm(legs, axis=1)
+    directions = legs / np.maximum(lengths_m, 1e-9)[:, None]
+    cuts_m[1:-1] = np.minimum(cut_max_m, 0.5 * np.minimum(lengths_m[:-1], lengths_m[1:]))
+    left = np.arange(1, len(path_m) - 1)
+    for _ in range(CUT_HALVINGS + 1):
+        begins, ends = cuts_m[left, None] * directions[left - 1], cuts_m[left, None] * directions[left]
+        chords = np.stack((path_m[left] - begins, path_m[left], path_m[left] + ends, path_m[left] - begins), axis=1)
+        inside = shapely.covers(around, shapely.polygons(chords))
+        left = left[~np.asarray(inside, bool)]
+        cuts_m[left] *= 0.5
+    cuts_m[left] = 0.0
+    return cuts_m
 
 
 def picture_distances(length_m: float, spacing_m: float) -> Array:

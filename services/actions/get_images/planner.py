@@ -1,4 +1,4 @@
-"""Plans flights around a target, and refuses those that can't be flown."""
+"""The action `get_images`: plans flights around a target, and refuses those that can't be flown."""
 
 from functools import partial
 from math import hypot, sqrt
@@ -6,11 +6,11 @@ from math import hypot, sqrt
 from jezero.frames import Vec3, add
 from jezero.schemas.goals import GetImagesGoal
 from jezero.schemas.state import Status
-from jezero.schemas.topics import RELATIVE
+from jezero.schemas.topics import GET_IMAGES, RELATIVE
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.get_images.behaviour import GetImages
+from jezero.services.actions.get_images.behaviour import GetImages, Turn
 from jezero.services.actions.get_images.config import GetImagesConfig
-from jezero.services.actions.get_images.orbit import Turn
+from jezero.services.actions.lifecycle.declaration import ActionDeclaration
 from jezero.services.actions.motion.behaviour import Plan, Refusal, VehicleState
 from jezero.services.actions.motion.capture import Capture
 from jezero.services.actions.motion.limits import beyond_limits, distance_refusal, point_refusal, speed_refusal
@@ -51,7 +51,21 @@ class GetImagesPlanner:
         return self._plan(goal, turn.with_images(goal.num_images), running.capture)
 
     def _shape_refusal(self, goal: GetImagesGoal) -> str:
-        return shape_refusal(goal, self._settings, self._config.vehicle.limits)
+        """Reason why no vehicle could fly the goal, with what to change, or ""."""
+        settings, limits = self._settings, self._config.vehicle.limits
+        if not 1 <= goal.num_images <= IMAGES_MAX:
+            return f"num_images {goal.num_images} is not within 1 to {IMAGES_MAX}"
+        if not goal.radius_m >= settings.radius_min_m:
+            least_m = settings.radius_min_m
+            return f"radius {goal.radius_m:g} m is too small: the vehicle flies around at {least_m:g} m or more"
+        if reason := point_refusal(goal.center_ned_m, limits):
+            return reason.replace("target z", "the center's z")
+        if goal.target_z_ned_m < goal.center_ned_m[2]:
+            return (
+                f"the target at z = {goal.target_z_ned_m:g} m is above the flight at {goal.center_ned_m[2]:g} m, and "
+                "the camera looks down: fly higher, or give target_z_ned_m"
+            )
+        return far_refusal(goal.center_ned_m, goal.radius_m, limits) or speed_refusal(goal.speed_mps, limits)
 
     def _plan(self, goal: GetImagesGoal, turn: Turn, capture: Capture) -> Plan:
         wanted_mps = self._settings.speed_mps if goal.speed_mps is None else goal.speed_mps
@@ -88,26 +102,12 @@ class GetImagesPlanner:
         return min(tight_mps, spacing_m * rate_hz / EXPOSURES_PER_PICTURE)
 
 
-def shape_refusal(goal: GetImagesGoal, settings: GetImagesConfig, limits: VehicleLimitsConfig) -> str:
-    """Reason why no vehicle could fly the goal, with what to change, or ""."""
-    if not 1 <= goal.num_images <= IMAGES_MAX:
-        return f"num_images {goal.num_images} is not within 1 to {IMAGES_MAX}"
-    if not goal.radius_m >= settings.radius_min_m:
-        least_m = settings.radius_min_m
-        return f"radius {goal.radius_m:g} m is too small: the vehicle flies around at {least_m:g} m or more"
-    if reason := point_refusal(goal.center_ned_m, limits):
-        return reason.replace("target z", "the center's z")
-    if goal.target_z_ned_m < goal.center_ned_m[2]:
-        return (
-            f"the target at z = {goal.target_z_ned_m:g} m is above the flight at {goal.center_ned_m[2]:g} m, and the "
-            "camera looks down: fly higher, or give target_z_ned_m"
-        )
-    return far_refusal(goal.center_ned_m, goal.radius_m, limits) or speed_refusal(goal.speed_mps, limits)
-
-
 def far_refusal(center_ned_m: Vec3, radius_m: float, limits: VehicleLimitsConfig) -> str:
     """Reason why the circle's farthest point is too far away, or ""."""
     factor = 1.0 + radius_m / max(hypot(center_ned_m[0], center_ned_m[1]), 1e-9)
     if hypot(center_ned_m[0], center_ned_m[1]) < 1e-6:
         return distance_refusal((radius_m, 0.0, 0.0), limits)
     return distance_refusal((factor * center_ned_m[0], factor * center_ned_m[1], 0.0), limits)
+
+
+ACTION = ActionDeclaration(action=GET_IMAGES, settings=GetImagesConfig, planner=GetImagesPlanner)

@@ -1,4 +1,4 @@
-"""The time from the first contact to the landing: how the vehicle is pressed down, and when it goes around.
+"""The time from the first contact to the landing: pressing down, going around, and the detection of the landing.
 
 A vehicle that has touched something must neither slide over an edge nor tip over it. Its thrust goes down at once, as
 its weight alone keeps it in place, and its motion over the surface and its tilt are watched until it has landed.
@@ -10,10 +10,11 @@ from typing import Literal, NamedTuple
 
 from jezero.frames import Quat, Vec3, quat_conjugate, quat_rotate, tilt_from_quat
 from jezero.schemas.units import GRAVITY_MPS2, NS_PER_S
-from jezero.services.actions.land_on_spot.wind_limit import wind_words
-from jezero.services.actions.motion.behaviour import VehicleState
+from jezero.services.actions.land_on_spot.landing_watch import wind_words
+from jezero.services.actions.land_on_spot.platform import PlatformState
+from jezero.services.actions.motion.behaviour import Done, VehicleState
 from jezero.tilt_contact import SLOPE_SINE_MAX, is_tilted_by_contact
-from jezero.vehicle_config import AirframeConfig
+from jezero.vehicle_config import AirframeConfig, VehicleConfig
 
 PUSH_ACC_MPS2 = 5.0
 """Downward acceleration that is fed forward once the vehicle has touched down: it takes half of the thrust at once."""
@@ -38,29 +39,7 @@ cancelled too much would tip the vehicle over downwind; what is cancelled too li
 """
 LEVEL_TIME_CONSTANT_S = 0.5
 """A vehicle that stands upright loses the tilt that it had in the wind with this time constant."""
-CLIMB_MPS, CLIMB_M, CLIMB_S = 1.5, 1.5, 4.0
-"""Speed, height over the surface and longest duration of the climb of a go-around."""
-
 Problem = Literal["", "slides", "leans"]
-
-
-def foot_drop_m(q_ned_from_frd: Quat, airframe: AirframeConfig) -> float:
-    """How much lower the lowest foot of a tilted vehicle is than the feet of a level one at the same position."""
-    forward, right, down = quat_rotate(quat_conjugate(q_ned_from_frd), (0.0, 0.0, 1.0))
-    forward_m, right_m = airframe.feet_frd_m
-    return abs(forward) * forward_m + abs(right) * right_m + (down - 1.0) * airframe.height_stand_m
-
-
-def level_acc_ned_mps2(down_ned: tuple[float, float]) -> tuple[float, float]:
-    """(2,) acceleration, fed forward, that cancels most of the horizontal thrust of a vehicle tilted against the wind.
-
-    Args:
-        down_ned: (2,) the tilt in the air, see `VehicleState.down_ned`.
-    """
-    north, east = down_ned
-    per_sine_mps2 = LEVEL_SHARE * GRAVITY_MPS2 / sqrt(max(1.0 - north * north - east * east, 0.25))
-    per_sine_mps2 = min(per_sine_mps2, LEVEL_ACC_MAX_MPS2 / max(hypot(north, east), 1e-9))
-    return per_sine_mps2 * north, per_sine_mps2 * east
 
 
 class OnSurface(NamedTuple):
@@ -73,12 +52,6 @@ class OnSurface(NamedTuple):
 
     offset_ned_m: tuple[float, float]
     std_m: float = 0.0
-
-
-def feet_from_uav_ned_m(state: VehicleState, airframe: AirframeConfig) -> tuple[float, float]:
-    """(2,) horizontal vector from the vehicle's position to the middle of its feet."""
-    north, east = state.down_ned
-    return airframe.height_stand_m * north, airframe.height_stand_m * east
 
 
 class ContactWatcher:
@@ -155,6 +128,35 @@ class ContactWatcher:
         return outward_mps > OUTWARD_MIN_MPS and ahead_m > self._room_m
 
 
+def level_acc_ned_mps2(down_ned: tuple[float, float]) -> tuple[float, float]:
+    """(2,) acceleration, fed forward, that cancels most of the horizontal thrust of a vehicle tilted against the wind.
+
+    Args:
+        down_ned: (2,) the tilt in the air, see `VehicleState.down_ned`.
+    """
+    north, east = down_ned
+    per_sine_mps2 = LEVEL_SHARE * GRAVITY_MPS2 / sqrt(max(1.0 - north * north - east * east, 0.25))
+    per_sine_mps2 = min(per_sine_mps2, LEVEL_ACC_MAX_MPS2 / max(hypot(north, east), 1e-9))
+    return per_sine_mps2 * north, per_sine_mps2 * east
+
+
+def feet_from_uav_ned_m(state: VehicleState, airframe: AirframeConfig) -> tuple[float, float]:
+    """(2,) horizontal vector from the vehicle's position to the middle of its feet."""
+    north, east = state.down_ned
+    return airframe.height_stand_m * north, airframe.height_stand_m * east
+
+
+def foot_drop_m(q_ned_from_frd: Quat, airframe: AirframeConfig) -> float:
+    """How much lower the lowest foot of a tilted vehicle is than the feet of a level one at the same position."""
+    forward, right, down = quat_rotate(quat_conjugate(q_ned_from_frd), (0.0, 0.0, 1.0))
+    forward_m, right_m = airframe.feet_frd_m
+    return abs(forward) * forward_m + abs(right) * right_m + (down - 1.0) * airframe.height_stand_m
+
+
+CLIMB_MPS, CLIMB_M, CLIMB_S = 1.5, 1.5, 4.0
+"""Speed, height over the surface and longest duration of the climb of a go-around."""
+
+
 class GoArounds:
     """The go-arounds of one landing: the climb, their number, and the reason when there were too many.
 
@@ -198,3 +200,68 @@ class GoArounds:
             f"{wind_words(state.wind_ned_mps, state.std_gust_mps)}; "
             "wait for less wind, or land elsewhere"
         )
+
+
+FORCE_S = 3.0
+"""Duration for which the conditions of a forced disarm must hold. Source: spec §8, which wants 2 s at least; PX4 takes
+about as long to detect the ground."""
+FORCE_BELOW_M, FORCE_MPS = 0.1, 0.2
+"""A forced disarm needs a height that is surely below this, and a relative speed below this although the vehicle is
+pushed down."""
+FORCE_FEET_MAX_M = 0.1
+"""A forced disarm needs an altimeter range, tilt-corrected, of feet lower than this, or none."""
+HEIGHT_SIGMAS = 2.0
+"""The height plus this many standard deviations must be below the limit of a forced disarm."""
+
+
+class TouchdownDetector:
+    """Detects that the vehicle stands on the platform, independently of the autopilot. Source: spec §8.
+
+    Two signs must hold: the height over the platform is low, and the vehicle rests there although it is pushed down.
+    They count only while the platform is measured, and the altimeter may not contradict them.
+    """
+
+    def __init__(self, vehicle: VehicleConfig) -> None:
+        self._on_platform_m = 0.5 * vehicle.platform.side_m
+        self._range_max_m = vehicle.height_altimeter_m + FORCE_FEET_MAX_M
+        self._since_ns: int | None = None
+
+    def reset(self) -> None:
+        """Start again, because the signs so far were no touchdown."""
+        self._since_ns = None
+
+    def update(self, t_ns: int, platform: PlatformState | None, range_m: float | None) -> bool:
+        """Add the newest state; returns whether both signs have held for long enough without a break.
+
+        To be called in every step in which the vehicle is pushed down.
+
+        Args:
+            platform: None while the platform isn't measured.
+            range_m: of the altimeter, tilt-corrected; None when it measures nothing, as on the ground.
+        """
+        if platform is None or not self._has_signs(platform, range_m):
+            self.reset()
+            return False
+        if self._since_ns is None:
+            self._since_ns = t_ns
+        return t_ns - self._since_ns >= FORCE_S * NS_PER_S
+
+    def _has_signs(self, platform: PlatformState, range_m: float | None) -> bool:
+        low = platform.height_m + HEIGHT_SIGMAS * platform.std_height_m < FORCE_BELOW_M
+        rests = platform.speed_mps < FORCE_MPS and abs(platform.vel_ned_mps[2]) < FORCE_MPS
+        on_platform = platform.error_m < self._on_platform_m
+        return low and rests and on_platform and (range_m is None or range_m < self._range_max_m)
+
+
+DISARM_S = 4.0
+"""Time from the contact until the autopilot has found the ground and stopped the motors."""
+FALLEN_TILT_RAD = 0.52
+"""A vehicle with a larger tilt than this has fallen over."""
+
+
+def landing_outcome(state: VehicleState) -> Done:
+    """End of a landing when the autopilot has detected the ground."""
+    tilt_rad = tilt_from_quat(state.q_ned_from_frd)
+    if tilt_rad > FALLEN_TILT_RAD:
+        return Done("aborted", f"the vehicle fell over: it is tilted by {degrees(tilt_rad):.0f} degrees", "disarm")
+    return Done("succeeded", then="disarm")

@@ -1,7 +1,8 @@
 """Hover of a paused landing: clear of the ground and of the platform, and along with the rover while it is in sight."""
 
+from math import hypot
+
 from jezero.frames import Vec3, add, subtract
-from jezero.services.actions.land_on_spot.search import towards
 from jezero.services.actions.motion.tracking import ZERO, clipped
 
 SPEED_MAX_MPS, ACCELERATION_MPS2 = 1.0, 1.0
@@ -51,3 +52,10 @@ class PausedHover:
         change = clipped(subtract(wanted_ned_mps, self._vel_ned_mps), ACCELERATION_MPS2 * dt_s)
         self._vel_ned_mps = add(self._vel_ned_mps, change)
         return add(self._vel_ned_mps, frame_ned_mps)
+
+
+def towards(offset_m: tuple[float, float, float], speed_mps: float, gain_1ps: float = 0.8) -> Vec3:
+    """Velocity along an offset, proportional to its length and limited."""
+    length_m = hypot(*offset_m)
+    pull_1ps = min(gain_1ps, speed_mps / max(length_m, 1e-9))
+    return (pull_1ps * offset_m[0], pull_1ps * offset_m[1], pull_1ps * offset_m[2])

@@ -10,17 +10,18 @@ from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.land_on_spot.config import LandOnSpotConfig, PlainLandingConfig
 from jezero.services.actions.land_on_spot.contact import (
     CLIMB_MPS,
+    DISARM_S,
     ContactWatcher,
     GoArounds,
     OnSurface,
     feet_from_uav_ned_m,
+    landing_outcome,
 )
+from jezero.services.actions.land_on_spot.landing_watch import WindLimit
 from jezero.services.actions.land_on_spot.paused_hover import PausedHover
-from jezero.services.actions.land_on_spot.remaining import plain_descent_remaining
-from jezero.services.actions.land_on_spot.tilt_contact_detector import TiltContactDetector, landing_outcome
-from jezero.services.actions.land_on_spot.wind_limit import WindLimit
 from jezero.services.actions.motion.behaviour import Done, Move, Remaining, VehicleState
 from jezero.services.actions.motion.straight_path import LEAD_M, StraightPath
+from jezero.tilt_contact import is_tilted_by_contact
 
 SPEED_APPROACH_MPS = 2.0
 SLOW_MARGIN_M = 1.0
@@ -131,13 +132,12 @@ class PlainLanding:
 
     def _descend(self, t_ns: int, state: VehicleState) -> Move | Done:
         """Descend and press down until the autopilot detects the ground."""
-        land = self._settings
         if state.landed:
             return landing_outcome(state)
-        if problem := self._advance(t_ns, state, land):
+        if problem := self._advance(t_ns, state):
             return Done("aborted", problem)
         push = self._phase == "contact"
-        vel_ned_mps = (0.0, 0.0, land.push_mps) if push else self._descent_velocity(state, land)
+        vel_ned_mps = (0.0, 0.0, self._settings.push_mps) if push else self._descent_velocity(state)
         if self._tilt_contact.update(t_ns, state, vel_ned_mps[2]):
             self._leaves_ns = t_ns
             return self._leave(t_ns, t_ns, state)
@@ -170,7 +170,7 @@ class PlainLanding:
             self._enter("descent", t_ns)
         return self._move(state, (0.0, 0.0, -CLIMB_MPS))
 
-    def _advance(self, t_ns: int, state: VehicleState, land: PlainLandingConfig) -> str:
+    def _advance(self, t_ns: int, state: VehicleState) -> str:
         """Begin the next phase when it is time for it; returns the reason why the landing is aborted, or ""."""
         since_s = (t_ns - self._phase_since_ns) / NS_PER_S
         if self._phase == "descent":
@@ -182,7 +182,7 @@ class PlainLanding:
                 self._contact_ned_m = self._feet_ned_m(state)
         elif since_s > CONTACT_TIMEOUT_S:
             return f"the autopilot doesn't detect the ground {since_s:.0f} s after contact"
-        elif state.vel_uav_ned_mps[2] > 0.5 * land.push_mps:
+        elif state.vel_uav_ned_mps[2] > 0.5 * self._settings.push_mps:
             self._enter("descent", t_ns)
         return ""
 
@@ -223,14 +223,14 @@ class PlainLanding:
             self._enter("descent", t_ns)
         return path.move(Phase.LANDING, self._feedback(state))
 
-    def _descent_velocity(self, state: VehicleState, land: PlainLandingConfig) -> Vec3:
+    def _descent_velocity(self, state: VehicleState) -> Vec3:
         """Velocity towards the spot and down: slower near the ground, and never faster again."""
-        slow_m = land.slow_height_m
+        slow_m = self._settings.slow_height_m
         height_m = state.height_m
         if height_m is None:
             height_m, slow_m = altitude_m(state.pos_uav_ned_m[2]), slow_m + SLOW_MARGIN_M
         if height_m < slow_m:
-            self._speed_down_mps = land.speed_low_mps
+            self._speed_down_mps = self._settings.speed_low_mps
         north = GAIN_HORIZONTAL_1PS * (self._spot_ned_m[0] - state.pos_uav_ned_m[0])
         east = GAIN_HORIZONTAL_1PS * (self._spot_ned_m[1] - state.pos_uav_ned_m[1])
         shrink = min(1.0, SPEED_HORIZONTAL_MAX_MPS / max(hypot(north, east), 1e-9))
@@ -268,3 +268,60 @@ class PlainLanding:
             pos_rel_ned_m=subtract(state.pos_uav_ned_m, (spot_x, spot_y, z_spot)),
             phase="go_around" if self._go_arounds.climbing else self._phase,
         )
+
+
+STALLED_SPEED_RATIO = 0.5
+"""A vehicle is stalled while it descends at less than this ratio of the commanded speed."""
+STALLED_MIN_S = 0.2
+"""A shorter stall may be a gust, and doesn't count as contact."""
+CONTACT_MEMORY_S = 0.2
+"""Contact lasts for this time after the stall, because a vehicle that falls over an edge descends again."""
+TILT_FILTER_TIME_CONSTANT_S = 0.5
+STEP_MAX_S = 0.1
+
+
+class TiltContactDetector:
+    """Detects that a descending vehicle tilts over something, by comparing its tilt with that in free flight."""
+
+    def __init__(self) -> None:
+        self._free_tilt_ned: tuple[float, float] | None = None
+        self._t_ns = self._moved_ns = 0
+        self._contact_ns: int | None = None
+        self._tilted = False
+
+    @property
+    def free_down_ned(self) -> tuple[float, float]:
+        """(2,) the tilt in free flight, see `VehicleState.down_ned`."""
+        return self._free_tilt_ned or (0.0, 0.0)
+
+    def update(self, t_ns: int, state: VehicleState, down_commanded_mps: float) -> bool:
+        """Add the state of a vehicle that is commanded to descend; returns whether it tilts over an obstacle."""
+        passed_s = min(max((t_ns - self._t_ns) / NS_PER_S, 0.0), STEP_MAX_S)
+        self._t_ns = t_ns
+        if self._free_tilt_ned is None or state.vel_uav_ned_mps[2] >= STALLED_SPEED_RATIO * down_commanded_mps:
+            self._moved_ns, self._tilted = t_ns, False
+        if self._free_tilt_ned is not None and is_tilted_by_contact(state.down_ned, self._free_tilt_ned):
+            self._tilted = True
+        if t_ns - self._moved_ns >= STALLED_MIN_S * NS_PER_S:
+            self._contact_ns = t_ns
+        if self._contact_ns is not None and t_ns - self._contact_ns <= CONTACT_MEMORY_S * NS_PER_S:
+            return self._tilted
+        self._contact_ns = None
+        north, east = self._free_tilt_ned or state.down_ned
+        weight = passed_s / TILT_FILTER_TIME_CONSTANT_S
+        self._free_tilt_ned = (
+            north + weight * (state.down_ned[0] - north),
+            east + weight * (state.down_ned[1] - east),
+        )
+        return False
+
+
+def plain_descent_remaining(height_m: float, config: PlainLandingConfig) -> Remaining:
+    """Rest of the descent onto a spot.
+
+    Args:
+        height_m: over ground.
+    """
+    slow_m = min(height_m, config.slow_height_m)
+    down_s = (height_m - slow_m) / config.speed_high_mps + slow_m / config.speed_low_mps
+    return Remaining(down_s + DISARM_S, height_m)

@@ -1,15 +1,19 @@
-"""Plans landings: on the rover by the estimator, or on a spot by the vehicle's own position. Source: spec §8."""
+"""The action `land_on_spot`: plans a landing on the rover by the estimator, or on a spot by the vehicle's own position.
+
+Source: spec §8.
+"""
 
 from functools import partial
 
 from jezero.schemas.goals import LandOnSpotGoal
 from jezero.schemas.state import Status
-from jezero.schemas.topics import ALTIMETER, RELATIVE, ROVER_ESTIMATE
+from jezero.schemas.topics import ALTIMETER, LAND_ON_SPOT, RELATIVE, ROVER_ESTIMATE
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.land_on_spot.config import LandOnSpotConfig
+from jezero.services.actions.land_on_spot.landing_watch import wind_refusal
 from jezero.services.actions.land_on_spot.plain_landing import PlainLanding
 from jezero.services.actions.land_on_spot.rover_landing import RoverLanding
-from jezero.services.actions.land_on_spot.wind_limit import wind_refusal
+from jezero.services.actions.lifecycle.declaration import ActionDeclaration
 from jezero.services.actions.motion.behaviour import Plan, Refusal, Selection
 from jezero.services.actions.motion.limits import distance_refusal
 
@@ -62,3 +66,6 @@ class LandOnSpotPlanner:
             inputs=(ALTIMETER, RELATIVE, ROVER_ESTIMATE),
             selection=selection,
         )
+
+
+ACTION = ActionDeclaration(action=LAND_ON_SPOT, settings=LandOnSpotConfig, planner=LandOnSpotPlanner)

@@ -4,7 +4,7 @@ Approach, descent, contact. The vehicle descends only while the estimate is vali
 sight for half a second it holds its height, then it climbs and searches, and when it finds nothing it hovers.
 """
 
-from math import hypot
+from math import cos, hypot, pi, sin
 
 from msgspec.structs import replace
 
@@ -12,24 +12,30 @@ from jezero.frames import Vec3, add, altitude_m, norm, subtract
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import LandFeedback, LandPhase, LandResult
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.land_on_spot.config import LandOnSpotConfig
+from jezero.services.actions.land_on_spot.config import LandOnSpotConfig, RoverLandingConfig, SearchConfig
 from jezero.services.actions.land_on_spot.contact import (
     CLIMB_MPS,
+    DISARM_S,
     ContactWatcher,
     GoArounds,
     OnSurface,
+    TouchdownDetector,
     feet_from_uav_ned_m,
     foot_drop_m,
+    landing_outcome,
 )
-from jezero.services.actions.land_on_spot.descent import AT_ONCE_BELOW_M, Descent, TouchdownDetector, VerticalSpeed
-from jezero.services.actions.land_on_spot.landing_watch import LandingWatch
-from jezero.services.actions.land_on_spot.paused_hover import PausedHover
-from jezero.services.actions.land_on_spot.platform_control import PlatformControl, PlatformState
-from jezero.services.actions.land_on_spot.platform_tracking import PlatformTracking
-from jezero.services.actions.land_on_spot.remaining import rover_landing_remaining
-from jezero.services.actions.land_on_spot.search import Search, towards
-from jezero.services.actions.land_on_spot.tilt_contact_detector import landing_outcome
-from jezero.services.actions.land_on_spot.wind_limit import WindLimit
+from jezero.services.actions.land_on_spot.landing_watch import LandingWatch, WindLimit
+from jezero.services.actions.land_on_spot.paused_hover import PausedHover, towards
+from jezero.services.actions.land_on_spot.platform import (
+    AT_ONCE_BELOW_M,
+    CONTACT_S,
+    GAIN_DESCENT_1PS,
+    Descent,
+    PlatformControl,
+    PlatformState,
+    PlatformTracking,
+    VerticalSpeed,
+)
 from jezero.services.actions.motion.behaviour import Done, Move, MovingFrame, Remaining, Selection, VehicleState
 from jezero.vehicle_config import VehicleConfig
 
@@ -56,7 +62,6 @@ STEP_MAX_S = 0.1
 BOUNCE_M = 0.4
 """A vehicle that is higher than this over the platform after contact descends again."""
 LOST = "TARGET_LOST"
-STILL: Vec3 = (0.0, 0.0, 0.0)
 BESIDE_MARGIN_M = 0.3
 """A vehicle that is farther than this beyond the platform's edge is beside the platform: no rotor is above it."""
 
@@ -86,7 +91,6 @@ class RoverLanding:
         self._on_platform_m = 0.5 * vehicle.platform.side_m
         room_m = max(self._on_platform_m - hypot(*vehicle.airframe.feet_frd_m), 0.0)
         self._wind_limit = WindLimit(settings.wind_max_mps, force)
-        self._search_config = land.search
         self._control = PlatformControl(land.platform_control)
         self._descent = Descent(land, room_m)
         self._vertical = VerticalSpeed()
@@ -314,11 +318,11 @@ class RoverLanding:
         if self._search is None:
             self._phase = "search"
             low_m = self._land.height_approach_m
-            self._search = Search(t_ns, max(low_m, height_m), self._search_config)
+            self._search = Search(t_ns, max(low_m, height_m), self._land.search)
         search = self._search
         search.step(t_ns, (north_m, east_m), height_m)
         if search.over:
-            tries = self._search_config.tries
+            tries = self._land.search.tries
             return Done("aborted", f"{LOST}: not found in {tries} rounds of search: {self._tracking.loss_reason}")
         to_north_m, to_east_m = search.offset_m
         offset_m = (to_north_m - north_m, to_east_m - east_m, height_m - search.height_m)
@@ -380,3 +384,88 @@ class RoverLanding:
             return LandFeedback(pos_uav_ned_m=pos_m, phase=self._phase)
         rel_m, cone_m = self._tracking.platform.pos_ned_m, max(self._descent.cone_m(self._tracking.platform), 0.0)
         return LandFeedback(pos_uav_ned_m=pos_m, pos_rel_ned_m=rel_m, phase=self._phase, cone_m=cone_m)
+
+
+SEARCH_CORNERS = 6
+SEARCH_CLIMB_M = 1.5
+"""Height between two rounds."""
+SEARCH_REACHED_M = 0.5
+"""Distance at which a corner counts as reached."""
+SEARCH_CORNER_TIMEOUT_S = 10.0
+
+
+class Search:
+    """Flies from corner to corner of the rounds.
+
+    Args:
+        height_m: over the platform, or over the ground at the rover's supposed position, when the search begins.
+
+    Attributes:
+        offset_m: (2,) north and east of the present corner from the rover's supposed position.
+        height_m: height of the present corner.
+        over: whether all rounds are flown.
+    """
+
+    def __init__(self, t_ns: int, height_m: float, config: SearchConfig) -> None:
+        self._config = config
+        self._height_start_m = height_m
+        self._number = 0
+        self._since_ns = t_ns
+        self.over = False
+        self._aim()
+
+    def step(self, t_ns: int, offset_m: tuple[float, float], height_m: float) -> None:
+        """Go on to the next corner when this one is reached, or its time is over.
+
+        Args:
+            offset_m: (2,) of the vehicle from the rover's supposed position.
+            height_m: of the vehicle.
+        """
+        away_m = hypot(offset_m[0] - self.offset_m[0], offset_m[1] - self.offset_m[1], height_m - self.height_m)
+        waited_s = (t_ns - self._since_ns) / NS_PER_S
+        if away_m < SEARCH_REACHED_M or waited_s > SEARCH_CORNER_TIMEOUT_S:
+            self._number += 1
+            self._since_ns = t_ns
+            self._aim()
+
+    def _aim(self) -> None:
+        """Set the next corner; each round begins over the middle, and goes around it higher than the one before."""
+        config = self._config
+        turn, corner = divmod(self._number, SEARCH_CORNERS + 1)
+        self.over = turn >= config.tries
+        up_m = SEARCH_CLIMB_M * (turn + (corner > 0))
+        self.height_m = max(self._height_start_m, min(self._height_start_m + up_m, config.height_max_m))
+        radius_m = 0.0 if corner == 0 else config.radius_m * (turn + 1)
+        angle_rad = 2.0 * pi * (corner - 1) / SEARCH_CORNERS
+        self.offset_m = (radius_m * cos(angle_rad), radius_m * sin(angle_rad))
+
+
+APPROACH_DOWN_MPS = 1.2
+"""Speed downwards on the way to the rover."""
+DESCENT_STEP_M = 0.05
+"""Step of height with which the time of the descent is summed up."""
+
+
+def rover_landing_remaining(pos_rel_ned_m: Vec3, config: RoverLandingConfig) -> Remaining:
+    """Rest of a landing on the rover: the approach, and the descent that slows down with the height.
+
+    Args:
+        pos_rel_ned_m: (3,) position of the vehicle minus that of the platform.
+    """
+    north_m, east_m, down_m = pos_rel_ned_m
+    away_m, height_m = hypot(north_m, east_m), max(altitude_m(down_m), 0.0)
+    descent_m = min(height_m, config.height_approach_m)
+    control = config.platform_control
+    braking_s = 1.0 / control.gain_near_1ps if away_m > 0.0 else 0.0
+    approach_s = max(away_m / control.speed_max_mps + braking_s, (height_m - descent_m) / APPROACH_DOWN_MPS)
+    return Remaining(approach_s + _descent_s(descent_m, config) + CONTACT_S + DISARM_S, away_m + height_m)
+
+
+def _descent_s(height_m: float, config: RoverLandingConfig) -> float:
+    """Time of the descent from a height."""
+    steps = int(height_m / DESCENT_STEP_M) + 1
+    step_m = height_m / steps
+    heights_m = (step_m * (number + 0.5) for number in range(steps))
+    return sum(
+        step_m / min(max(GAIN_DESCENT_1PS * h, config.descent_min_mps), config.descent_max_mps) for h in heights_m
+    )

@@ -1,8 +1,11 @@
-"""Straight paths from one point to another, with trapezoidal speed profiles.
+"""Straight paths from one point to another, with trapezoidal speed profiles from rest to rest.
 
 `StraightPath` moves its reference step by step and lets it wait for the vehicle; it also turns the heading and tests
 for arrival. `TimedStraightPath` gives its reference as a function of time, for the `Tracker`, which does the waiting.
 """
+
+from dataclasses import dataclass
+from math import sqrt
 
 from jezero.frames import Vec3, add, distance, dot, norm, scale, subtract, wrap_pi
 from jezero.schemas.commands import Phase
@@ -11,7 +14,6 @@ from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.motion.arrival import ArrivalDetector
 from jezero.services.actions.motion.behaviour import Move, Remaining, VehicleState
 from jezero.services.actions.motion.config import MoveConfig
-from jezero.services.actions.motion.speed_profile import SpeedProfile, next_speed_mps, time_to_rest_s
 from jezero.services.actions.motion.tracking import PROGRESS_TIMEOUT_S, ZERO, Reference, progress_timeout_s
 
 STEP_MAX_S = 0.1
@@ -20,21 +22,6 @@ LEAD_M, LEAD_S = 1.0, 0.5
 """The reference waits when it is more than LEAD_M + LEAD_S * speed ahead of the vehicle."""
 LEAD_GAIN_1PS = 4.0
 PROGRESS_M = 0.1
-
-
-def straight_speed_mps(start_ned_m: Vec3, end_ned_m: Vec3, speed_mps: float, config: MoveConfig) -> float:
-    """`speed_mps`, or less where a straight path would exceed a vertical speed limit."""
-    length = distance(start_ned_m, end_ned_m)
-    down = end_ned_m[2] - start_ned_m[2]
-    vertical_max = config.speed_down_mps if down > 0.0 else config.speed_up_mps
-    if abs(down) * speed_mps <= vertical_max * length:
-        return speed_mps
-    return vertical_max * length / abs(down)
-
-
-def profile_remaining(profile: SpeedProfile, time_s: float) -> Remaining:
-    """Rest of a motion with this profile at a time since its start."""
-    return Remaining(max(profile.duration_s - time_s, 0.0), profile.length_m - profile.at(time_s)[0])
 
 
 class StraightPath:
@@ -127,7 +114,7 @@ class StraightPath:
     def remaining(self) -> Remaining:
         """Rest of the path, with the time for which the vehicle must be near and slow at its end."""
         config = self._config
-        fly_s = time_to_rest_s(
+        fly_s = _time_to_rest_s(
             self._length_m - self._travelled_m,
             self._speed_mps,
             speed_max_mps=self._speed_max_mps,
@@ -144,9 +131,7 @@ class StraightPath:
         accel, speed_before_mps = self._config.accel_mps2, self._speed_mps
         remaining = self._length_m - self._travelled_m
         (x, y, z), (n, e, d) = self._start_ned_m, self._direction
-        free_mps = next_speed_mps(
-            self._speed_mps, dt, speed_max_mps=self._speed_max_mps, accel_mps2=accel, remaining_m=remaining
-        )
+        free_mps = min(self._speed_mps + accel * dt, self._speed_max_mps, sqrt(2.0 * accel * remaining))
         self._speed_mps = min(free_mps, max(LEAD_GAIN_1PS * (self._lead_max_m - lead_m), 0.0))
         step_m = self._speed_mps * dt
         if remaining - step_m < 1e-3:
@@ -182,6 +167,16 @@ class StraightPath:
         )
 
 
+def straight_speed_mps(start_ned_m: Vec3, end_ned_m: Vec3, speed_mps: float, config: MoveConfig) -> float:
+    """`speed_mps`, or less where a straight path would exceed a vertical speed limit."""
+    length = distance(start_ned_m, end_ned_m)
+    down = end_ned_m[2] - start_ned_m[2]
+    vertical_max = config.speed_down_mps if down > 0.0 else config.speed_up_mps
+    if abs(down) * speed_mps <= vertical_max * length:
+        return speed_mps
+    return vertical_max * length / abs(down)
+
+
 class TimedStraightPath:
     """A straight path as a function of time."""
 
@@ -192,10 +187,6 @@ class TimedStraightPath:
         self._start_ned_m = start_ned_m
         self._direction = scale(subtract(end_ned_m, start_ned_m), 1.0 / length_m) if length_m > 0.0 else ZERO
 
-    def remaining(self, time_s: float) -> Remaining:
-        """Rest of the path at a time since the start."""
-        return profile_remaining(self.profile, time_s)
-
     def at(self, time_s: float) -> Reference:
         """Reference at a time since the start."""
         way_m, speed_mps, acceleration_mps2 = self.profile.at(time_s)
@@ -204,3 +195,55 @@ class TimedStraightPath:
             scale(self._direction, speed_mps),
             scale(self._direction, acceleration_mps2),
         )
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedProfile:
+    """A trapezoidal speed profile as a function of time.
+
+    Attributes:
+        length_m: from the start to the end.
+        speed_mps: greatest speed.
+        acceleration_mps2: speeding up and braking.
+    """
+
+    length_m: float
+    speed_mps: float
+    acceleration_mps2: float
+
+    @property
+    def top_mps(self) -> float:
+        """Greatest speed that is reached; less than `speed_mps` where the length is too short for it."""
+        return min(self.speed_mps, sqrt(self.acceleration_mps2 * self.length_m))
+
+    @property
+    def duration_s(self) -> float:
+        if self.length_m <= 0.0:
+            return 0.0
+        return self.length_m / self.top_mps + self.top_mps / self.acceleration_mps2
+
+    def at(self, time_s: float) -> tuple[float, float, float]:
+        """Distance, speed and acceleration at a time; at rest before the start and after the end."""
+        a, top_mps, duration_s = self.acceleration_mps2, self.top_mps, self.duration_s
+        if time_s <= 0.0 or time_s >= duration_s:
+            return (0.0 if time_s <= 0.0 else self.length_m), 0.0, 0.0
+        ramp_s, left_s = top_mps / a, duration_s - time_s
+        if time_s < ramp_s:
+            return 0.5 * a * time_s * time_s, a * time_s, a
+        if left_s < ramp_s:
+            return self.length_m - 0.5 * a * left_s * left_s, a * left_s, -a
+        return top_mps * (time_s - 0.5 * ramp_s), top_mps, 0.0
+
+    def remaining(self, time_s: float) -> Remaining:
+        """Rest of the motion at a time since its start."""
+        return Remaining(max(self.duration_s - time_s, 0.0), self.length_m - self.at(time_s)[0])
+
+
+def _time_to_rest_s(length_m: float, speed_mps: float, *, speed_max_mps: float, accel_mps2: float) -> float:
+    """Time of a trapezoidal profile that ends at rest after `length_m` and begins with `speed_mps`.
+
+    It is the rest of a profile from rest that has reached this speed.
+    """
+    ramp_m = 0.5 * speed_mps * speed_mps / accel_mps2
+    whole = SpeedProfile(length_m + ramp_m, max(speed_max_mps, speed_mps), accel_mps2)
+    return max(whole.duration_s - speed_mps / accel_mps2, 0.0)

@@ -14,11 +14,11 @@ from jezero.frames import Vec3, add, altitude_m, distance, horizontal, norm, sca
 from jezero.schemas.goals import ReturnHomeGoal
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.land_on_spot.remaining import plain_descent_remaining, rover_landing_remaining
+from jezero.services.actions.land_on_spot.plain_landing import plain_descent_remaining
+from jezero.services.actions.land_on_spot.rover_landing import rover_landing_remaining
 from jezero.services.actions.motion.behaviour import VehicleState
 from jezero.services.actions.motion.config import MoveConfig
-from jezero.services.actions.motion.speed_profile import SpeedProfile
-from jezero.services.actions.motion.straight_path import straight_speed_mps
+from jezero.services.actions.motion.straight_path import SpeedProfile, straight_speed_mps
 from jezero.services.actions.return_home.config import ReturnHomeConfig
 from jezero.services.actions.return_home.places import STILL, Place, here
 from jezero.vehicle_config import VehicleConfig

@@ -15,7 +15,7 @@ from jezero.schemas.goals import GoToGoal, LandOnSpotGoal, LandResult, TakeoffGo
 from jezero.schemas.state import Status
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.go_to.declaration import ACTION as GO_TO
-from jezero.services.actions.land_on_spot.declaration import ACTION as LAND_ON_SPOT
+from jezero.services.actions.land_on_spot.planner import ACTION as LAND_ON_SPOT
 from jezero.services.actions.lifecycle.declaration import ActionDeclaration
 from jezero.services.actions.motion import straight_path
 from jezero.services.actions.motion.behaviour import Done, Move, Plan, Preparation, Refusal, VehicleState

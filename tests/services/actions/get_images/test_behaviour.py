@@ -13,10 +13,9 @@ from jezero.frames import Vec3, frd_from_camera, quat_from_euler, quat_rotate, s
 from jezero.schemas.commands import Phase
 from jezero.schemas.estimate import Relative
 from jezero.schemas.goals import GetImagesGoal, ImagesFeedback
-from jezero.services.actions.get_images.declaration import ACTION as GET_IMAGES
-from jezero.services.actions.get_images.orbit import Orbit, aim, facing, nearest_phase
+from jezero.services.actions.get_images.behaviour import Orbit, aim, facing, nearest_phase
+from jezero.services.actions.get_images.planner import ACTION as GET_IMAGES
 from jezero.services.actions.motion.behaviour import Done, Move, Preparation, VehicleState
-from jezero.services.actions.motion.speed_profile import SpeedProfile
 from jezero.services.actions.motion.straight_path import TimedStraightPath
 from tests.services.actions.fake_bridge import follow
 from tests.services.actions.test_behaviours import hovering, plan_of, refusal_of
@@ -56,20 +55,6 @@ def test_a_speed_that_the_circle_or_the_camera_does_not_allow_is_lowered_and_sai
     assert tight.warning.startswith("flown at 0.87 m/s instead of 3 m/s")
     assert many.warning.startswith("flown at 0.37 m/s instead of 3 m/s")
     assert plan_of(GET_IMAGES, with_fields(speed_mps=1.0)).warning == ""
-
-
-def test_a_profile_goes_from_rest_to_rest() -> None:
-    profile = SpeedProfile(4.0, 1.0, 0.5)
-    assert profile.duration_s == pytest.approx(6.0)
-    assert profile.at(-1.0) == (0.0, 0.0, 0.0)
-    assert profile.at(1.0) == pytest.approx((0.25, 0.5, 0.5))
-    assert profile.at(3.0) == pytest.approx((2.0, 1.0, 0.0))
-    assert profile.at(5.0) == pytest.approx((3.75, 0.5, -0.5))
-    assert profile.at(9.0) == (4.0, 0.0, 0.0)
-    short = SpeedProfile(0.5, 1.0, 0.5)
-    assert short.top_mps == pytest.approx(0.5)
-    assert short.duration_s == pytest.approx(2.0)
-    assert SpeedProfile(0.0, 1.0, 0.5).at(0.0) == (0.0, 0.0, 0.0)
 
 
 @given(time_s=st.floats(0.01, 14.5), phase_rad=st.floats(-pi, pi))

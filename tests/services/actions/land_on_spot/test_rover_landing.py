@@ -7,9 +7,14 @@ import pytest
 
 from jezero.frames import add, altitude_m, subtract
 from jezero.schemas.goals import LandOnSpotGoal
-from jezero.services.actions.land_on_spot.declaration import ACTION as LAND_ON_SPOT
-from jezero.services.actions.land_on_spot.descent import AT_ONCE_BELOW_M, COMMIT_M, FORCE_S, SLOWER_DOWN_MPS2
-from jezero.services.actions.land_on_spot.platform_tracking import DRIVE_TIME_CONSTANT_S
+from jezero.services.actions.land_on_spot.contact import FORCE_S
+from jezero.services.actions.land_on_spot.planner import ACTION as LAND_ON_SPOT
+from jezero.services.actions.land_on_spot.platform import (
+    AT_ONCE_BELOW_M,
+    COMMIT_M,
+    DRIVE_TIME_CONSTANT_S,
+    SLOWER_DOWN_MPS2,
+)
 from jezero.services.actions.land_on_spot.rover_landing import SEARCH_SPEED_DOWN_MAX_MPS
 from jezero.services.actions.motion.behaviour import Done, Selection
 from tests.services.actions.land_on_spot.landing_rig import BOTH, DECK_NED_M, DT_S, TAG, Landing

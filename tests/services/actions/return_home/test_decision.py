@@ -8,7 +8,7 @@ from jezero.schemas.fence import Fence, Zone
 from jezero.schemas.goals import ReturnHomeGoal
 from jezero.schemas.state import Battery
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.land_on_spot.remaining import rover_landing_remaining
+from jezero.services.actions.land_on_spot.rover_landing import rover_landing_remaining
 from jezero.services.actions.motion.behaviour import VehicleState
 from jezero.services.actions.return_home.config import ReturnHomeConfig
 from jezero.services.actions.return_home.decision import Decision, Way

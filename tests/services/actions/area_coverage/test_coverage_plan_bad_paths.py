@@ -6,20 +6,18 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from shapely.geometry import Polygon, box
 
 from jezero.schemas.actions import Rejected
 from jezero.schemas.goals import AreaCoverageGoal
 from jezero.services.actions.area_coverage import coverage_plan
-from jezero.services.actions.area_coverage.area import AreaError
+from jezero.services.actions.area_coverage.area import AreaError, Array
 from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
 from jezero.services.actions.area_coverage.path import distance_outside_m
 from jezero.services.actions.config import ActionsConfig
 from tests.services.actions.fake_camera import FakeCamera
 from tests.services.actions.rig import World
 
-Array = NDArray[np.float64]
 Path = Sequence[tuple[float, float]]
 GOAL = AreaCoverageGoal(
     polygon_ned_m=((0.0, 0.0), (0.0, 20.0), (8.0, 20.0), (8.0, 8.0), (20.0, 8.0), (20.0, 0.0)),

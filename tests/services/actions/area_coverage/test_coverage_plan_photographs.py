@@ -13,7 +13,7 @@ from jezero.schemas.actions import Accepted, PlanReply, Rejected, Result
 from jezero.schemas.goals import AreaCoverageGoal
 from jezero.services.actions.area_coverage.area import AreaError
 from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
-from jezero.services.actions.area_coverage.photographs import photographed_fraction, planned_footprint
+from jezero.services.actions.area_coverage.ground import photographed_fraction, planned_footprint
 from jezero.services.actions.config import ActionsConfig
 from jezero.vehicle_config import CameraMountConfig
 from tests.services.actions.fake_camera import FakeCamera

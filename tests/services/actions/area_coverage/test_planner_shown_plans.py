@@ -12,7 +12,7 @@ from jezero.schemas.actions import Accepted, Cancel, PlannedCoverage, PlanReply,
 from jezero.schemas.goals import AreaCoverageGoal, GoToGoal
 from jezero.schemas.state import Status
 from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
-from jezero.services.actions.area_coverage.shown_plans import KEPT_MAX, KEPT_S, ShownPlan, ShownPlans, describe
+from jezero.services.actions.area_coverage.planner import KEPT_MAX, KEPT_S, ShownPlan, ShownPlans, describe
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.motion.behaviour import Refusal
 from tests.services.actions.fake_camera import FakeCamera
