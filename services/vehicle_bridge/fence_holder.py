@@ -4,8 +4,7 @@ from collections.abc import Callable, Iterator
 from zlib import crc32
 
 from jezero.codec import encode
-from jezero.fence_geometry import placed
-from jezero.fence_judgement import fence_refusal
+from jezero.fence import fence_refusal, placed
 from jezero.frames import Vec3
 from jezero.runtime.service import Inbox, Output, Publish, Reply
 from jezero.schemas.fence import Fence, FenceReply, FenceState

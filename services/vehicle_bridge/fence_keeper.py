@@ -3,7 +3,7 @@ fence."""
 
 from functools import partial
 
-from jezero.fence_geometry import outside_reason, place_refusal, point_inside
+from jezero.fence import outside_reason, place_refusal, point_inside
 from jezero.frames import Vec3
 from jezero.schemas.fence import Fence
 from jezero.schemas.state import StatusCode

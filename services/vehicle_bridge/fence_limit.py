@@ -6,7 +6,7 @@ from math import hypot, sqrt
 
 from msgspec.structs import replace
 
-from jezero.fence_geometry import Edge, edges
+from jezero.fence import Edge, edges
 from jezero.frames import Vec3, add, altitude_m, dot, norm, scale, subtract
 from jezero.schemas.fence import Fence
 from jezero.services.vehicle_bridge.vehicle import Target, VehicleSnapshot

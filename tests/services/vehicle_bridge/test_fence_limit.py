@@ -5,7 +5,7 @@ from random import Random
 
 import pytest
 
-from jezero.fence_geometry import nearest
+from jezero.fence import nearest
 from jezero.frames import Vec3, add, scale, subtract
 from jezero.schemas.fence import Fence, Zone
 from jezero.services.vehicle_bridge.fence_limit import limited_target
