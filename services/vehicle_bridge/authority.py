@@ -14,7 +14,7 @@ from jezero.services.vehicle_bridge.admission import Grant
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.disarming import Disarming
 from jezero.services.vehicle_bridge.engagement import EngagementTimer
-from jezero.services.vehicle_bridge.fence_keeper import FenceKeeper
+from jezero.services.vehicle_bridge.fence import FenceKeeper
 from jezero.services.vehicle_bridge.flight_monitor import FlightMonitor
 from jezero.services.vehicle_bridge.grants import Grants
 from jezero.services.vehicle_bridge.resets import ResetHistory
@@ -33,7 +33,6 @@ class Authority:
         text: the last event, for people.
         target: setpoint to follow, None for none.
         streamed: the target within the fence and the limits, which goes to the autopilot.
-        fence: holds the vehicle inside the fence and the limits.
         command: command to the autopilot, None for none.
         taking_back: in status 13, the bridge tries to take control back.
         killing: in status 13, the motors are being cut.
@@ -41,17 +40,17 @@ class Authority:
         interventions: number of requests to hover, abort or kill so far.
     """
 
-    def __init__(self, config: VehicleBridgeConfig, robot: VehicleConfig, secret: str) -> None:
+    def __init__(self, config: VehicleBridgeConfig, robot: VehicleConfig, fence: FenceKeeper, secret: str) -> None:
         self.code = StatusCode.IDLE
         self.text = "the bridge has started"
         self.target: Target | None = None
         self.streamed: Target | None = None
-        self.fence = FenceKeeper(config.on_fence, robot.limits)
         self.command: Command | None = None
         self.taking_back = self.killing = False
         self.changes: list[ControlState] = []
         self.interventions = 0
         self._robot = robot
+        self._fence = fence
         self._grants = Grants(secret)
         self._external_holder: InCharge = "failsafe"
         self._takeover = TakeoverDetector()
@@ -137,7 +136,7 @@ class Authority:
     def hover(self, request: Hover, vehicle: VehicleSnapshot) -> str | None:
         """Hover here or at a point; returns the reason for a refusal, or None. It is done when the status is 3."""
         refusal = admission.hover_refusal(request, self.code, self.text, self.killing, vehicle, self._robot.limits)
-        if refusal := refusal or self.fence.point_refusal(request.hover_pos):
+        if refusal := refusal or self._fence.point_refusal(request.hover_pos):
             return refusal
         self.interventions += 1
         if self.code is StatusCode.EXTERNAL:
@@ -204,7 +203,7 @@ class Authority:
             self._arm_pending = False
         flying = self.code not in (StatusCode.IDLE, StatusCode.EXTERNAL)
         self._monitor.update(vehicle, self.streamed, flying=flying)
-        left_fence = self.fence.update(vehicle)
+        left_fence = self._fence.update(vehicle)
         takeover = None
         if self.code in IN_PROGRESS and not self._engaged:
             takeover = self._takeover.before_lift_off(vehicle, arm_commanded=arm_commanded)
@@ -222,7 +221,7 @@ class Authority:
             self.text, self.target = late, targets.stopping_target(self.target, vehicle)
         self.command = self._advance(vehicle)
         self._arm_pending |= self.command is Command.ARM
-        self.streamed = self.fence.limited(self.target, vehicle, self.code)
+        self.streamed = self._fence.limited(self.target, vehicle, self.code)
 
     def _judge_flight(self, vehicle: VehicleSnapshot, *, left_fence: bool) -> None:
         monitor = self._monitor
@@ -240,10 +239,10 @@ class Authority:
         elif reason := monitor.router_reason(vehicle):
             self._land(reason, vehicle)
         elif left_fence and not vehicle.landed:
-            self._on_left_fence(f"the vehicle is {self.fence.outside}", vehicle)
+            self._on_left_fence(f"the vehicle is {self._fence.outside}", vehicle)
 
     def _on_left_fence(self, reason: str, vehicle: VehicleSnapshot) -> None:
-        if self.fence.on_fence == "land":
+        if self._fence.on_fence == "land":
             self._land(f"landing: {reason}", vehicle)
         elif self.grant is not None:
             self._revoke(f"{self.grant.name} ended: {reason}", vehicle)
@@ -277,7 +276,7 @@ class Authority:
             return self._disarm(vehicle)
         if code is not StatusCode.HOVER and self._code_age_s(vehicle) >= REPORT_MIN_S:
             self._set_code(StatusCode.HOVER, vehicle)
-        elif self.grant is None and (point := self.fence.return_point(self.target, vehicle)):
+        elif self.grant is None and (point := self._fence.return_point(self.target, vehicle)):
             self.target = Target(point, None, None, targets.heading_rad(self.target, vehicle))
             self.text += "; it returns inside the fence"
         return None

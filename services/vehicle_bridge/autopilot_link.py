@@ -7,7 +7,7 @@ from jezero.frames import Vec3
 from jezero.mavlink import FramePacker, MavlinkCodec, MavMessage, dialect
 from jezero.schemas.state import Battery, Odometry
 from jezero.services.vehicle_bridge.decoding import odometry_of, setpoint_echo_of, text_of
-from jezero.services.vehicle_bridge.fence_upload import FenceUpload
+from jezero.services.vehicle_bridge.fence import FenceUpload
 from jezero.services.vehicle_bridge.parameters import ParameterSetter
 from jezero.services.vehicle_bridge.telemetry import Telemetry, TelemetryBatch
 from jezero.services.vehicle_bridge.vehicle import Command, Target, mode_name

@@ -31,7 +31,7 @@ from jezero.services.vehicle_bridge.admission import status_words
 from jezero.services.vehicle_bridge.authority import Authority
 from jezero.services.vehicle_bridge.autopilot_link import AutopilotLink
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
-from jezero.services.vehicle_bridge.fence_holder import FenceHolder
+from jezero.services.vehicle_bridge.fence import FenceKeeper
 from jezero.services.vehicle_bridge.foreign_setpoints import ForeignSetpointDetector
 from jezero.services.vehicle_bridge.readiness import moving_ground_reason, system_not_ready_reason
 from jezero.services.vehicle_bridge.request_queue import RequestQueue
@@ -114,8 +114,8 @@ class VehicleBridge:
         self._actions = actions
         self._link = AutopilotLink(system_id, config.parameters)
         self._foreign_setpoints = ForeignSetpointDetector()
-        self._authority = Authority(config, robot, secret)
-        self._fence = FenceHolder(self._authority.fence, self._link.fence, fence, keep_fence)
+        self._fence = FenceKeeper(config.on_fence, robot.limits, self._link.fence, fence, keep_fence)
+        self._authority = Authority(config, robot, self._fence, secret)
         self._wind = WindEstimator(robot.airframe)
         self._epoch_id: int | None = None
         """Epoch of the vehicle; None before the first message of the clock."""
@@ -160,7 +160,7 @@ class VehicleBridge:
         yield from self._requests.reply_to_pending(vehicle, inbox.wall_ns)
         yield from self._stream(vehicle.t_ns)
         yield from self._send_commands(vehicle, inbox)
-        yield from self._fence.update(self._link.telemetry.origin_deg, vehicle, inbox.wall_ns)
+        yield from self._fence.publish(self._link.telemetry.origin_deg, vehicle, inbox.wall_ns)
         yield from self._publish_status(vehicle, inbox.wall_ns)
         yield from self._subscribe()
         yield from self._publish_health(vehicle)
@@ -388,7 +388,7 @@ class VehicleBridge:
             state, text = "degraded", reason
         if self._dropped_setpoints:
             text += f"; {self._dropped_setpoints} setpoints dropped, the last: {self._drop_reason}"
-        if self._authority.fence.outside:
+        if self._fence.outside:
             state = "degraded"
         text += self._fence.health_text
         if self._link.parameters.failed:

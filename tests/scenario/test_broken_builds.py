@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from jezero.services.mission import service as mission
-from jezero.services.vehicle_bridge import admission, fence_keeper, grants
+from jezero.services.vehicle_bridge import admission, fence, grants
 from jezero.services.vehicle_bridge.authority import Authority
 from jezero.trials.campaign.mission import fly_mission
 
@@ -43,7 +43,7 @@ def engages_again_after_a_failsafe(patch: pytest.MonkeyPatch) -> None:
 
 
 def limits_no_target_at_a_fence(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(fence_keeper, "limited_target", lambda fence, target, vehicle, **_: (target, ""))
+    patch.setattr(fence, "limited_target", lambda fence, limits, target, vehicle, **_: (target, ""))
 
 
 def flies_missions_on_after_a_takeover(patch: pytest.MonkeyPatch) -> None:
