@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from jezero.services.mission import service as mission
-from jezero.services.vehicle_bridge import admission, fence, grants
+from jezero.services.vehicle_bridge import admission, authority, fence
 from jezero.services.vehicle_bridge.authority import Authority
 from jezero.trials.campaign.mission import fly_mission
 
@@ -20,8 +20,8 @@ Break = Callable[[pytest.MonkeyPatch], None]
 
 
 def takes_setpoints_of_any_age(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(admission, "MAX_AGE_NS", 10**18)
-    patch.setattr(admission, "MAX_LEAD_NS", 10**18)
+    patch.setattr(authority, "MAX_AGE_NS", 10**18)
+    patch.setattr(authority, "MAX_LEAD_NS", 10**18)
 
 
 def loses_releases(patch: pytest.MonkeyPatch) -> None:
@@ -29,7 +29,7 @@ def loses_releases(patch: pytest.MonkeyPatch) -> None:
 
 
 def grants_control_twice(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(grants, "acquire_refusal", lambda *args: None)
+    patch.setattr(admission, "acquire_refusal", lambda *args: None)
 
 
 def engages_again_after_a_failsafe(patch: pytest.MonkeyPatch) -> None:
