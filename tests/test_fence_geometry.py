@@ -4,7 +4,7 @@ from math import isclose
 
 import pytest
 
-from jezero.fence_geometry import nearest, outside_reason, placed, point_inside, way_refusal
+from jezero.fence import nearest, outside_reason, placed, point_inside, way_refusal
 from jezero.frames import Vec3
 from jezero.schemas.fence import Fence, Zone
 

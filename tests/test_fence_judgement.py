@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from jezero.fence_judgement import fence_doubts, fence_refusal, joined, places_outside, zone_refusal
+from jezero.fence import fence_doubts, fence_refusal, joined, places_outside, zone_refusal
 from jezero.frames import geodetic_from_ned
 from jezero.schemas.fence import Fence, Zone
 

@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 
 from jezero.codec import decode
-from jezero.fence_geometry import nearest
+from jezero.fence import nearest
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.runtime.service import Inbox, Output, Publish, Spec

@@ -26,7 +26,7 @@ def fence() -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def check(file: str, as_json: bool) -> None:
     """Name the mistakes of a fence file."""
-    from jezero.fence_judgement import fence_doubts
+    from jezero.fence import fence_doubts
 
     printer = Printer(as_json)
     read = read_fence_file(file, printer)
@@ -79,7 +79,7 @@ def show(vehicle: str, router: str, as_json: bool) -> None:
 def _doubts(uav: "Vehicle", fence: "Fence") -> tuple[str, ...]:
     """Warnings for the person who has set a fence: about its parts, and about a vehicle or a rover outside."""
     from jezero.client.errors import JezeroError
-    from jezero.fence_judgement import fence_doubts, places_outside
+    from jezero.fence import fence_doubts, places_outside
     from jezero.frames import subtract
 
     held, odometry = uav.fence().fence, uav.status().odometry

@@ -5,7 +5,7 @@ from typing import Any
 
 import msgspec
 
-from jezero.fence_judgement import fence_refusal, joined, zone_refusal
+from jezero.fence import fence_refusal, joined, zone_refusal
 from jezero.mission_files.goals import in_words
 from jezero.mission_files.nodes import Node, UnreadableError, parse
 from jezero.mission_files.problems import MissionFileError, Problem, Problems, did_you_mean, listed

@@ -6,7 +6,7 @@ from typing import Any
 
 from jezero.area_files.polygon import AreaFileError, excerpt, number_from
 from jezero.area_files.qgc_plan import SAVE_AGAIN, checked_plan, read_surveys
-from jezero.fence_judgement import fence_refusal
+from jezero.fence import fence_refusal
 from jezero.frames import ned_from_geodetic
 from jezero.mission_files.fence_file import fence_of_plan
 from jezero.mission_files.imported import ImportedMission

@@ -1,16 +1,19 @@
 """The MAVLink side: telemetry in, setpoints and acknowledged commands out."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from math import nan, sqrt
 from types import MappingProxyType
 
-from jezero.frames import Vec3
-from jezero.mavlink import FramePacker, MavlinkCodec, MavMessage, dialect
-from jezero.schemas.state import Battery, Odometry
-from jezero.services.vehicle_bridge.decoding import odometry_of, setpoint_echo_of, text_of
-from jezero.services.vehicle_bridge.fence_upload import FenceUpload
+import msgspec
+
+from jezero.frames import Quat, Vec3, quat_normalize, quat_rotate
+from jezero.mavlink import FieldReader, FramePacker, MavlinkCodec, MavMessage, dialect
+from jezero.schemas.state import Battery, Geodetic, Odometry
+from jezero.services.vehicle_bridge.fence import FenceUpload
 from jezero.services.vehicle_bridge.parameters import ParameterSetter
-from jezero.services.vehicle_bridge.telemetry import Telemetry, TelemetryBatch
-from jezero.services.vehicle_bridge.vehicle import Command, Target, mode_name
+from jezero.services.vehicle_bridge.takeover import SetpointEcho
+from jezero.services.vehicle_bridge.vehicle import Command, ResetHistory, Target, mode_name
 
 COMPONENT_ID = dialect.MAV_COMP_ID_ONBOARD_COMPUTER
 AUTOPILOT_COMPONENT_ID = dialect.MAV_COMP_ID_AUTOPILOT1
@@ -59,6 +62,11 @@ _RESULTS = {
 }
 _FAILSAFE_STATES = (dialect.MAV_STATE_CRITICAL, dialect.MAV_STATE_EMERGENCY, dialect.MAV_STATE_FLIGHT_TERMINATION)
 _LOCAL_NED = dialect.MAV_FRAME_LOCAL_NED
+_ODOMETRY = FieldReader(
+    dialect.MAVLink_odometry_message,
+    *("time_usec", "x", "y", "z", "q", "vx", "vy", "vz", "rollspeed", "pitchspeed", "yawspeed"),
+    *("pose_covariance[0]", "pose_covariance[6]", "frame_id", "child_frame_id", "reset_counter"),
+)
 _SETPOINT = FramePacker(
     dialect.MAVLink_set_position_target_local_ned_message,
     *("time_boot_ms", "x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate"),
@@ -66,6 +74,65 @@ _SETPOINT = FramePacker(
 )
 _MASK_POS, _MASK_VEL, _MASK_ACC, _MASK_YAW_RATE = 7, 56, 448, 2048
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
+
+
+@dataclass
+class Telemetry:
+    """State that the autopilot has reported; None and "" until it has.
+
+    Attributes:
+        received_wall_ns: wall time of the last message.
+        heartbeat_wall_ns: wall time of the last HEARTBEAT, or of the last request for one.
+        armed: the motors may run.
+        landed: state of the land detector.
+        mode: mode by PX4's name.
+        failsafe: a failsafe chose the mode.
+        armable: the autopilot's arming checks pass.
+        origin_deg: origin of the world frame.
+        battery: None when the autopilot doesn't measure it.
+        battery_critical: see `Battery.critical`.
+        odometry: newest odometry.
+        resets: steps of the position estimate.
+        warning: last STATUSTEXT of severity warning or worse.
+        warning_ns: timer's time of `warning`.
+    """
+
+    received_wall_ns: int | None = None
+    heartbeat_wall_ns: int = 0
+    armed: bool | None = None
+    landed: bool | None = None
+    mode: str = ""
+    failsafe: bool = False
+    armable: bool = False
+    origin_deg: Geodetic | None = None
+    battery: Battery | None = None
+    battery_critical: float | None = None
+    odometry: Odometry | None = None
+    resets: ResetHistory = field(default_factory=ResetHistory)
+    warning: str = ""
+    warning_ns: int = 0
+
+
+class TelemetryBatch(msgspec.Struct):
+    """Contents of one batch of bytes, oldest first.
+
+    Attributes:
+        timer_ns: timer's time of arrival.
+        wall_ns: wall time of arrival.
+        epoch_id: epoch of the vehicle.
+        odometry: all valid odometry.
+        steps_ned_m: steps of the position estimate at the autopilot's resets.
+        setpoint_echo: the newest one.
+        restarted: the autopilot's time stepped back.
+    """
+
+    timer_ns: int
+    wall_ns: int
+    epoch_id: int
+    odometry: list[Odometry] = msgspec.field(default_factory=list)
+    steps_ned_m: list[Vec3] = msgspec.field(default_factory=list)
+    setpoint_echo: SetpointEcho | None = None
+    restarted: bool = False
 
 
 class AutopilotLink:
@@ -153,7 +220,7 @@ class AutopilotLink:
 
     def _on_odometry(self, message: MavMessage, batch: TelemetryBatch) -> None:
         try:
-            t_ns, pos, vel, q, rates, std_pos_m, reset_counter = odometry_of(message)
+            t_ns, pos, vel, q, rates, std_pos_m, reset_counter = _odometry_of(message)
         except ValueError:
             self._codec.malformed += 1
             return
@@ -197,10 +264,10 @@ class AutopilotLink:
         self.telemetry.landed = None if undefined else message.landed_state == dialect.MAV_LANDED_STATE_ON_GROUND
 
     def _on_setpoint_echo(self, message: MavMessage, batch: TelemetryBatch) -> None:
-        batch.setpoint_echo = setpoint_echo_of(message)
+        batch.setpoint_echo = _setpoint_echo_of(message)
 
     def _on_parameter(self, message: MavMessage, _batch: TelemetryBatch) -> None:
-        name = text_of(message.param_id)
+        name = _text_of(message.param_id)
         self.parameters.confirm(name, message.param_value, message.param_type)
         if name == BATTERY_CRITICAL and 0.0 <= message.param_value <= 1.0:
             self.telemetry.battery_critical = round(message.param_value, 6)
@@ -226,7 +293,7 @@ class AutopilotLink:
             self.telemetry.origin_deg = (latitude_deg, longitude_deg, altitude_m)
 
     def _on_statustext(self, message: MavMessage, batch: TelemetryBatch) -> None:
-        text = text_of(message.text)
+        text = _text_of(message.text)
         last_id, before = self._statustext
         if message.id != 0 and message.chunk_seq > 0 and message.id == last_id:
             text = (before + text)[:1000]
@@ -353,3 +420,49 @@ class AutopilotLink:
                 self._system_id, AUTOPILOT_COMPONENT_ID, number, confirmation, p1, p2, p3, 0.0, 0.0, 0.0, 0.0
             )
         )
+
+
+# -- contents of messages --------------------------------------------------------------------------------
+
+
+def _odometry_of(message: MavMessage) -> tuple[int, Vec3, Vec3, Quat, Vec3, float | None, int]:
+    """Contents of an ODOMETRY.
+
+    Returns:
+        Time in ns, position, velocity and attitude in world NED, body rates in FRD, horizontal standard deviation of
+        the position in m, reset counter.
+    Raises:
+        ValueError: a number is not finite or out of its range, or a frame is unknown.
+    """
+    numbers = _ODOMETRY(message)
+    t_us, x, y, z, qw, qx, qy, qz, vx, vy, vz, p, q, r, var_north_m2, var_east_m2, frame, child_frame, counter = numbers
+    pos, vel, rates = (x, y, z), (vx, vy, vz), (p, q, r)
+    if frame != _LOCAL_NED:
+        raise ValueError("not a pose in local NED")
+    attitude = quat_normalize((qw, qx, qy, qz))
+    if child_frame == dialect.MAV_FRAME_BODY_FRD:
+        vel = quat_rotate(attitude, vel)
+    elif child_frame != _LOCAL_NED:
+        raise ValueError("velocity in an unknown frame")
+    t_ns = t_us * 1000
+    if t_ns > 2**62:
+        raise ValueError("time out of range")
+    vx, vy, vz = vel
+    small = x * x + y * y + z * z <= 1e10 and vx * vx + vy * vy + vz * vz <= 1e6 and p * p + q * q + r * r <= 1e6
+    if not small:  # or NaN
+        raise ValueError("not finite, or out of range")
+    variance_m2 = max(var_north_m2, var_east_m2)
+    std_m = sqrt(variance_m2) if 0.0 <= variance_m2 <= 1e12 else None
+    return t_ns, pos, vel, attitude, rates, std_m, counter
+
+
+def _setpoint_echo_of(message: MavMessage) -> SetpointEcho:
+    """Echo in a POSITION_TARGET_LOCAL_NED, with NaN in each masked axis."""
+    fields = ("x", "y", "z", "vx", "vy", "vz")
+    x, y, z, vx, vy, vz = (nan if message.type_mask >> i & 1 else getattr(message, f) for i, f in enumerate(fields))
+    return SetpointEcho(message.time_boot_ms * 1_000_000, (x, y, z), (vx, vy, vz))
+
+
+def _text_of(field: str | bytes) -> str:
+    """A MAVLink string without its padding."""
+    return (field if isinstance(field, str) else field.decode("utf-8", "replace")).rstrip("\0")

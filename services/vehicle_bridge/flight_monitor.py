@@ -1,11 +1,17 @@
-"""Detection of the conditions that end a flight: tilt, a wedge, and the loss of telemetry or of the bus's router."""
+"""Conditions and time-outs of a flight: its way into offboard mode, what ends it, and the disarming after it."""
 
 from math import degrees
 
 from jezero.frames import horizontal, norm, subtract
+from jezero.services.vehicle_bridge.admission import force_disarm_refusal
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
-from jezero.services.vehicle_bridge.vehicle import LINK_TIMEOUT_S, OFFBOARD, Target, VehicleSnapshot
+from jezero.services.vehicle_bridge.vehicle import LINK_TIMEOUT_S, OFFBOARD, Command, Target, VehicleSnapshot
+from jezero.vehicle_config import VehicleConfig
 
+STREAM_LEAD_S = 0.2
+"""Setpoints are streamed for this time before the autopilot is commanded into offboard mode."""
+ENGAGE_TIMEOUT_S = 5.0
+"""Time-out of offboard mode and arming together."""
 TILT_LIMIT_RAD, TILT_TIMEOUT_S = 1.0472, 0.5
 """A vehicle that is tilted further than 60 degrees for this time is upside down or lies against something: no
 controller tilts it as far."""
@@ -17,10 +23,37 @@ COMMANDED_MIN_MPS, AWAY_MIN_M = 0.3, 0.5
 """A vehicle whose target is faster than this, or farther away, should not stand still."""
 BLIND_TIMEOUT_S = 5.0
 """Without telemetry for this time, the bridge stops streaming, and the autopilot lands by itself."""
+DISARM_TIMEOUT_S = 10.0
+"""Time-out of a normal disarm on the ground: the autopilot must first detect the ground."""
+
+
+class EngagementTimer:
+    """Measures the time since the bridge began to stream in order to get into offboard mode."""
+
+    def __init__(self) -> None:
+        self._start_ns = 0
+
+    def start(self, vehicle: VehicleSnapshot) -> None:
+        """Begin now."""
+        self._start_ns = vehicle.timer_ns
+
+    def may_command(self, vehicle: VehicleSnapshot) -> bool:
+        """Whether the stream has run for long enough for offboard mode."""
+        return self._elapsed_s(vehicle) >= STREAM_LEAD_S
+
+    def is_overdue(self, vehicle: VehicleSnapshot) -> bool:
+        """Whether the time-out has passed."""
+        return self._elapsed_s(vehicle) > ENGAGE_TIMEOUT_S
+
+    def _elapsed_s(self, vehicle: VehicleSnapshot) -> float:
+        return (vehicle.timer_ns - self._start_ns) * 1e-9
 
 
 class FlightMonitor:
-    """Compares the vehicle with the limits and time-outs of a flight; each method returns a reason, or None."""
+    """Detects what ends a flight: tilt, a wedge, and the loss of telemetry or of the bus's router.
+
+    Each method returns a reason, or None.
+    """
 
     def __init__(self, config: VehicleBridgeConfig) -> None:
         self._config = config
@@ -87,3 +120,26 @@ def _is_held(vehicle: VehicleSnapshot, target: Target | None) -> bool:
         return max(horizontal(target.vel_ned_mps), -target.vel_ned_mps[2]) > COMMANDED_MIN_MPS
     away_m = subtract(target.pos_ned_m, vehicle.pos_ned_m)
     return max(horizontal(away_m), -away_m[2]) > AWAY_MIN_M
+
+
+class Disarming:
+    """Chooses the command that stops the motors on the ground.
+
+    Attributes:
+        by_force: the finished landing detected the ground, although the autopilot's land detector did not.
+    """
+
+    def __init__(self, robot: VehicleConfig) -> None:
+        self.by_force = False
+        self._robot = robot
+
+    def command(self, vehicle: VehicleSnapshot) -> Command:
+        """The command to the autopilot."""
+        by_force = self.by_force and not vehicle.landed and not force_disarm_refusal(vehicle, self._robot)
+        return Command.FORCE_DISARM if by_force else Command.DISARM
+
+    def overdue_reason(self, vehicle: VehicleSnapshot, elapsed_s: float) -> str:
+        """Reason to leave the vehicle to the autopilot, or ""."""
+        if elapsed_s <= DISARM_TIMEOUT_S:
+            return ""
+        return f"the autopilot did not disarm within {elapsed_s:.0f} s: {vehicle.failure_reason}"

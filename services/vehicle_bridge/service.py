@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 from math import inf
 
-from jezero.frames import Quat, Vec3, add, altitude_m
+from jezero.frames import Quat, Vec3, add, altitude_m, horizontal
 from jezero.runtime.service import Health, Inbox, Output, Publish, Reply, Send, Spec, Subscribe
 from jezero.schemas.fence import Fence
 from jezero.schemas.health import ServiceState
@@ -28,17 +28,13 @@ from jezero.schemas.topics import (
     UNKNOWN_ACTION,
 )
 from jezero.services.vehicle_bridge.admission import status_words
-from jezero.services.vehicle_bridge.authority import Authority
-from jezero.services.vehicle_bridge.autopilot_link import AutopilotLink
+from jezero.services.vehicle_bridge.authority import Authority, ControlState
+from jezero.services.vehicle_bridge.autopilot_link import AutopilotLink, TelemetryBatch
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
-from jezero.services.vehicle_bridge.fence_holder import FenceHolder
-from jezero.services.vehicle_bridge.foreign_setpoints import ForeignSetpointDetector
-from jezero.services.vehicle_bridge.readiness import moving_ground_reason, system_not_ready_reason
-from jezero.services.vehicle_bridge.request_queue import RequestQueue
-from jezero.services.vehicle_bridge.telemetry import TelemetryBatch
-from jezero.services.vehicle_bridge.timer import Timer
-from jezero.services.vehicle_bridge.unknown_action import refusal_of
-from jezero.services.vehicle_bridge.vehicle import LINK_TIMEOUT_S, OFFBOARD, ControlState, Target, VehicleSnapshot
+from jezero.services.vehicle_bridge.fence import FenceKeeper
+from jezero.services.vehicle_bridge.requests import RequestQueue, unknown_action_refusal
+from jezero.services.vehicle_bridge.takeover import ForeignSetpointDetector
+from jezero.services.vehicle_bridge.vehicle import LINK_TIMEOUT_S, OFFBOARD, Target, VehicleSnapshot
 from jezero.services.vehicle_bridge.wind_estimator import WindEstimator
 from jezero.vehicle_config import VehicleConfig
 
@@ -114,8 +110,8 @@ class VehicleBridge:
         self._actions = actions
         self._link = AutopilotLink(system_id, config.parameters)
         self._foreign_setpoints = ForeignSetpointDetector()
-        self._authority = Authority(config, robot, secret)
-        self._fence = FenceHolder(self._authority.fence, self._link.fence, fence, keep_fence)
+        self._fence = FenceKeeper(config.on_fence, robot.limits, self._link.fence, fence, keep_fence)
+        self._authority = Authority(config, robot, self._fence, secret)
         self._wind = WindEstimator(robot.airframe)
         self._epoch_id: int | None = None
         """Epoch of the vehicle; None before the first message of the clock."""
@@ -160,7 +156,7 @@ class VehicleBridge:
         yield from self._requests.reply_to_pending(vehicle, inbox.wall_ns)
         yield from self._stream(vehicle.t_ns)
         yield from self._send_commands(vehicle, inbox)
-        yield from self._fence.update(self._link.telemetry.origin_deg, vehicle, inbox.wall_ns)
+        yield from self._fence.publish(self._link.telemetry.origin_deg, vehicle, inbox.wall_ns)
         yield from self._publish_status(vehicle, inbox.wall_ns)
         yield from self._subscribe()
         yield from self._publish_health(vehicle)
@@ -253,13 +249,6 @@ class VehicleBridge:
         z_ground_ned_m = 0.0 if self._ground_ned_m is None else self._ground_ned_m[2]
         return altitude_m(odometry.pos_uav_ned_m[2] - z_ground_ned_m)
 
-    def _not_ready_reason(self, telemetry_age_s: float) -> str | None:
-        """Reason why a takeoff isn't possible now, None when it is."""
-        reason = system_not_ready_reason(self._link, self._epoch_id, telemetry_age_s, self._timer.now_ns)
-        if reason is None and self._authority.code is StatusCode.IDLE:
-            return moving_ground_reason(self._link, self._config)
-        return reason
-
     def _handle_requests(self, vehicle: VehicleSnapshot, inbox: Inbox) -> Iterator[Output]:
         """Kill, abort and hover go before the setpoints of the same step, release and acquire after them."""
         if inbox.has_requests:
@@ -272,7 +261,51 @@ class VehicleBridge:
         if inbox.has_requests:
             yield from self._requests.handle_after_setpoints(vehicle, inbox)
             for request in inbox.requests(UNKNOWN_ACTION):
-                yield Reply(request.request_id, refusal_of(request.payload.key, self._actions))
+                yield Reply(request.request_id, unknown_action_refusal(request.payload.key, self._actions))
+
+    # -- readiness -----------------------------------------------------------------------------------------
+
+    def _not_ready_reason(self, telemetry_age_s: float) -> str | None:
+        """Reason why a takeoff isn't possible now, for people; None when it is.
+
+        Args:
+            telemetry_age_s: age of the newest telemetry, or of the newest odometry if that is older.
+        """
+        reason = next(self._missing(telemetry_age_s), None)
+        if reason is None and self._authority.code is StatusCode.IDLE:
+            return self._moving_ground_reason()
+        return reason
+
+    def _missing(self, telemetry_age_s: float) -> Iterator[str]:
+        """What the system lacks for a takeoff, the first thing first."""
+        link, telemetry = self._link, self._link.telemetry
+        if self._epoch_id is None:
+            yield "no vehicle time yet: is the simulator running?"
+        if telemetry.received_wall_ns is None:
+            yield "no telemetry from the autopilot yet"
+        if telemetry.odometry is None:
+            yield "the autopilot sends no odometry yet: its estimator is still converging"
+        if telemetry_age_s > LINK_TIMEOUT_S:
+            yield f"the autopilot's telemetry has been missing for {telemetry_age_s:.0f} s"
+        if telemetry.origin_deg is None:
+            yield "the autopilot has no origin yet: it waits for GNSS"
+        if telemetry.armed is None:
+            yield "the autopilot has not reported yet whether it is armed"
+        if setting := link.parameters.pending:
+            yield f"the autopilot's parameters are being set: {', '.join(setting)}"
+        if not telemetry.armable:
+            warning = link.warning(self._timer.now_ns)
+            because = f": {warning}" if warning else ""
+            yield f"the autopilot's arming checks don't pass yet in mode {telemetry.mode}{because}"
+
+    def _moving_ground_reason(self) -> str | None:
+        """Reason why nothing can take off from a moving rover, None when the vehicle stands still."""
+        odometry, limit_mps = self._link.telemetry.odometry, self._config.takeoff_speed_max_mps
+        speed_mps = 0.0 if odometry is None else horizontal(odometry.vel_uav_ned_mps)
+        if speed_mps <= limit_mps:
+            return None
+        moves = f"the ground under the vehicle moves at {speed_mps:.2f} m/s"
+        return f"{moves}: stop the rover, {limit_mps:g} m/s is the limit"
 
     # -- outputs -------------------------------------------------------------------------------------------
 
@@ -388,7 +421,7 @@ class VehicleBridge:
             state, text = "degraded", reason
         if self._dropped_setpoints:
             text += f"; {self._dropped_setpoints} setpoints dropped, the last: {self._drop_reason}"
-        if self._authority.fence.outside:
+        if self._fence.outside:
             state = "degraded"
         text += self._fence.health_text
         if self._link.parameters.failed:
@@ -398,3 +431,37 @@ class VehicleBridge:
         if (state, text) != self._health:
             self._health = (state, text)
             yield Health(state, text)
+
+
+# -- time -------------------------------------------------------------------------------------------------
+
+AHEAD_MAX_NS = 100_000_000
+"""No time-out may be exceeded by more than this."""
+
+
+class Timer:
+    """Elapsed vehicle time that never steps back, from an estimate of vehicle time that may.
+
+    The estimate steps back when the time master stood still and its clock message arrives afterwards. The time until
+    the estimate is where it was has been counted already, and is not counted twice, within `AHEAD_MAX_NS`.
+
+    Attributes:
+        now_ns: vehicle time since the first update; never steps back.
+    """
+
+    def __init__(self) -> None:
+        self.now_ns = 0
+        self._t_ns: int | None = None
+        self._ahead_ns = 0
+        """Vehicle time that is counted already and has yet to pass."""
+
+    def update(self, t_ns: int) -> None:
+        """Count the time since the last update; `t_ns` is the present vehicle time."""
+        passed_ns = 0 if self._t_ns is None else t_ns - self._t_ns
+        self._t_ns = t_ns
+        ahead_ns = self._ahead_ns - passed_ns
+        if ahead_ns > 0:
+            self._ahead_ns = min(ahead_ns, AHEAD_MAX_NS)
+        else:
+            self._ahead_ns = 0
+            self.now_ns -= ahead_ns

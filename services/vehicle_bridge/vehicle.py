@@ -1,19 +1,19 @@
-"""State of the vehicle, and the commands and targets for its autopilot. No MAVLink here."""
+"""State of the vehicle, steps of its position estimate, and the commands and targets for its autopilot. No MAVLink."""
 
+from collections import deque
 from enum import StrEnum
 
 import msgspec
 
-from jezero.frames import Quat, Vec3, add, tilt_from_quat, yaw_from_quat
+from jezero.frames import Quat, Vec3, add, scale, subtract, tilt_from_quat, yaw_from_quat
 from jezero.schemas.preflight import Check
-from jezero.schemas.state import InCharge, StatusCode
 
 OFFBOARD = "OFFBOARD"
 LAND = "AUTO.LAND"
 LINK_TIMEOUT_S = 1.0
 """Telemetry that is older than this is missing: a goal ends and a hover begins, and nothing takes off."""
-UNARMABLE_MODES = (OFFBOARD, LAND, "AUTO.RTL")
-"""Modes in which a PX4 on the ground refuses to arm: offboard without a stream, and those that end on the ground."""
+RESETS_MAX = 32
+"""Number of resets that are kept; a setpoint computed before them is dropped."""
 
 _MAIN_MODES = {
     1: "MANUAL", 2: "ALTCTL", 3: "POSCTL", 4: "AUTO", 5: "ACRO", 6: OFFBOARD, 7: "STABILIZED", 10: "TERMINATION",
@@ -119,20 +119,50 @@ class VehicleSnapshot(msgspec.Struct, frozen=True, kw_only=True):
         return self.command_failure or "the autopilot gives no reason"
 
 
-class ControlState(msgspec.Struct, frozen=True):
-    """The fields of `status` that the authority decides, at one time."""
+class ResetHistory:
+    """Sum of the autopilot's position steps, which moves a point given before a reset to where it is now.
 
-    code: StatusCode
-    in_charge: InCharge
-    goal_id: str
-    action: str
-    grant: int
-    grants: int
-    interventions: int
-    text: str
-    paused: bool
+    Attributes:
+        counter: the autopilot's reset counter, unwrapped from its eight bits; -1 before the first odometry.
+        offset_ned_m: sum of all steps since the first odometry.
+    """
 
-    @property
-    def visible(self) -> tuple[object, ...]:
-        """Fields whose change is published at once."""
-        return self.code, self.in_charge, self.grant, self.interventions, self.paused
+    def __init__(self) -> None:
+        self.counter = -1
+        self.offset_ned_m: Vec3 = (0.0, 0.0, 0.0)
+        self._history: deque[tuple[int, Vec3]] = deque(maxlen=RESETS_MAX)
+        self._last: tuple[int, Vec3, Vec3] | None = None
+
+    def update(self, t_ns: int, counter_u8: int, pos_ned_m: Vec3, vel_ned_mps: Vec3) -> Vec3 | None:
+        """Update with one odometry.
+
+        Args:
+            counter_u8: the counter as MAVLink carries it, 0–255.
+        Returns:
+            The step (3,) in m, NED, when this odometry is the first after a reset, else None. The step is the change
+            of position that the vehicle's velocity doesn't explain.
+        """
+        last = self._last
+        self._last = (t_ns, pos_ned_m, vel_ned_mps)
+        if last is None:
+            self.counter = counter_u8
+            self._history.append((self.counter, self.offset_ned_m))
+            return None
+        resets = (counter_u8 - self.counter) % 256
+        if resets == 0:
+            return None
+        expected = add(last[1], scale(last[2], (t_ns - last[0]) * 1e-9))
+        step = subtract(pos_ned_m, expected)
+        self.counter += resets
+        self.offset_ned_m = add(self.offset_ned_m, step)
+        self._history.append((self.counter, self.offset_ned_m))
+        return step
+
+    def step_since(self, counter: int) -> Vec3 | None:
+        """Sum of the steps (3,) in m, NED, since `counter`; None when that counter is unknown."""
+        if counter == self.counter:
+            return (0.0, 0.0, 0.0)
+        for known, offset_ned_m in reversed(self._history):
+            if known == counter:
+                return subtract(self.offset_ned_m, offset_ned_m)
+        return None

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from jezero.services.mission import service as mission
-from jezero.services.vehicle_bridge import admission, fence_keeper, grants
+from jezero.services.vehicle_bridge import admission, authority, fence
 from jezero.services.vehicle_bridge.authority import Authority
 from jezero.trials.campaign.mission import fly_mission
 
@@ -20,8 +20,8 @@ Break = Callable[[pytest.MonkeyPatch], None]
 
 
 def takes_setpoints_of_any_age(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(admission, "MAX_AGE_NS", 10**18)
-    patch.setattr(admission, "MAX_LEAD_NS", 10**18)
+    patch.setattr(authority, "MAX_AGE_NS", 10**18)
+    patch.setattr(authority, "MAX_LEAD_NS", 10**18)
 
 
 def loses_releases(patch: pytest.MonkeyPatch) -> None:
@@ -29,7 +29,7 @@ def loses_releases(patch: pytest.MonkeyPatch) -> None:
 
 
 def grants_control_twice(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(grants, "acquire_refusal", lambda *args: None)
+    patch.setattr(admission, "acquire_refusal", lambda *args: None)
 
 
 def engages_again_after_a_failsafe(patch: pytest.MonkeyPatch) -> None:
@@ -43,7 +43,7 @@ def engages_again_after_a_failsafe(patch: pytest.MonkeyPatch) -> None:
 
 
 def limits_no_target_at_a_fence(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(fence_keeper, "limited_target", lambda fence, target, vehicle, **_: (target, ""))
+    patch.setattr(fence, "limited_target", lambda fence, limits, target, vehicle, **_: (target, ""))
 
 
 def flies_missions_on_after_a_takeover(patch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,7 @@ from jezero.schemas import topics
 from jezero.schemas.state import StatusCode
 from jezero.schemas.topics import ACTIONS
 from jezero.services.actions.table import action_server
-from jezero.services.vehicle_bridge.transitions import is_allowed
+from jezero.services.vehicle_bridge.admission import is_allowed
 from jezero.trials.campaign.campaign import CampaignReport, fly_campaign
 from jezero.trials.campaign.faults import FAULT_COUNTS, PARTITION_MAX_S, Fault, Kind, draw_faults
 from jezero.trials.campaign.judge import ALLOWED

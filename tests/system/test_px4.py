@@ -19,7 +19,7 @@ from benchmarks.px4.process import real_px4
 from jezero import Aborted
 from jezero.runtime.config import config_directory
 from jezero.schemas.state import StatusCode
-from jezero.services.vehicle_bridge.fence_upload import MARGIN_M
+from jezero.services.vehicle_bridge.fence import AUTOPILOT_MARGIN_M
 from jezero.trials.landing.flight import fly_landing
 from jezero.trials.landing.trial import Conditions
 from jezero.trials.missions import DEMONSTRATION
@@ -223,7 +223,7 @@ def test_px4_stores_the_fence_and_takes_no_pilot_beyond_it(
     stack.jezero("fence", "set", str(file))
     wait_for(lambda: len(stored_fence(ground)) == 8, 15.0, "the fence is stored")
     items = stored_fence(ground)
-    for corners, size_m in ((items[:4], 20.0 + 2 * MARGIN_M), (items[4:], 7.0 - 2 * MARGIN_M)):
+    for corners, size_m in ((items[:4], 20.0 + 2 * AUTOPILOT_MARGIN_M), (items[4:], 7.0 - 2 * AUTOPILOT_MARGIN_M)):
         north_m = [1e-7 * item.x * METRES_PER_DEGREE for item in corners]
         assert max(north_m) - min(north_m) == pytest.approx(size_m, abs=0.1)
     with stack.connect() as vehicle:
@@ -231,7 +231,7 @@ def test_px4_stores_the_fence_and_takes_no_pilot_beyond_it(
         reposition_north(ground, items[:4], 20.0)
         wait_for(lambda: "eofence" in stack.jezero("logs", "autopilot").stdout, 15.0, "PX4 names its geofence")
         seen = [status.odometry for status in islice(vehicle.watch_status(), 100)]
-        assert max(odometry.pos_uav_ned_m[0] for odometry in seen if odometry) < 10.0 + MARGIN_M + 1.0
+        assert max(odometry.pos_uav_ned_m[0] for odometry in seen if odometry) < 10.0 + AUTOPILOT_MARGIN_M + 1.0
 
 
 def test_it_lands_on_a_driving_rover() -> None:

@@ -11,7 +11,7 @@ from jezero.plugins import all_actions
 from jezero.schemas import actions, goals
 from jezero.schemas.rows import Action
 from jezero.schemas.topics import ACTIONS
-from jezero.services.vehicle_bridge.transitions import CODE_OF, completed
+from jezero.services.vehicle_bridge.admission import CODE_OF, completed
 
 
 class Example(NamedTuple):

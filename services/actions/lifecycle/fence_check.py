@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from jezero.fence_geometry import way_refusal
+from jezero.fence import way_refusal
 from jezero.frames import Vec3
 from jezero.runtime.service import Inbox
 from jezero.schemas.fence import Fence

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot, sqrt
 
-from jezero.fence_geometry import HOLD_OFF_M, way_refusal
+from jezero.fence import HOLD_OFF_M, way_refusal
 from jezero.flight_cost import FlightCost, flight_cost
 from jezero.frames import Vec3, add, altitude_m, distance, horizontal, norm, scale, subtract, z_ned_m
 from jezero.schemas.goals import ReturnHomeGoal

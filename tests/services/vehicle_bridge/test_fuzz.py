@@ -15,7 +15,7 @@ from jezero.schemas import topics
 from jezero.schemas.commands import Abort, Acquire, Hover, Kill, Outcome, Phase, Release
 from jezero.schemas.state import StatusCode
 from jezero.schemas.topics import ABORT, ACQUIRE, HOVER, KILL, RELEASE
-from jezero.services.vehicle_bridge.transitions import is_allowed
+from jezero.services.vehicle_bridge.admission import is_allowed
 from tests.services.vehicle_bridge.rig import CRITICAL, MODES, Rig
 
 

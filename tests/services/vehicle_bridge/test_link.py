@@ -8,8 +8,7 @@ import pytest
 from jezero.frames import quat_from_euler
 from jezero.mavlink import MavlinkCodec, MavMessage, dialect
 from jezero.schemas.commands import Phase
-from jezero.services.vehicle_bridge.autopilot_link import INTERVALS_US, AutopilotLink
-from jezero.services.vehicle_bridge.telemetry import TelemetryBatch
+from jezero.services.vehicle_bridge.autopilot_link import INTERVALS_US, AutopilotLink, TelemetryBatch
 from jezero.services.vehicle_bridge.vehicle import Command, mode_name
 from tests.services.vehicle_bridge.rig import Rig
 

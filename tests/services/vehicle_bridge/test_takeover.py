@@ -10,7 +10,7 @@ from jezero.frames import Vec3
 from jezero.mavlink import MavlinkCodec, dialect
 from jezero.schemas.commands import Hover, Phase
 from jezero.schemas.topics import HOVER
-from jezero.services.vehicle_bridge.foreign_setpoints import ForeignSetpointDetector, SetpointEcho
+from jezero.services.vehicle_bridge.takeover import ForeignSetpointDetector, SetpointEcho
 from jezero.services.vehicle_bridge.vehicle import Target
 from tests.services.vehicle_bridge.rig import CRITICAL, MODES, SECRET, SET_MODE, Rig
 

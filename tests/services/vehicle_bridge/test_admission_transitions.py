@@ -6,7 +6,7 @@ import pytest
 
 from jezero.schemas.commands import Phase
 from jezero.schemas.state import StatusCode
-from jezero.services.vehicle_bridge.transitions import CODE_OF, completed, is_allowed
+from jezero.services.vehicle_bridge.admission import CODE_OF, completed, is_allowed
 
 SPEC = (
     [(0, 1), (1, 2), (2, 3), (1, 4)]

@@ -4,14 +4,14 @@ import pytest
 
 from jezero.schemas.actions import CancelReply, PlanReply, Rejected, UnknownAction
 from jezero.schemas.topics import ACTIONS, UNKNOWN_ACTION
-from jezero.services.vehicle_bridge.unknown_action import refusal_of
+from jezero.services.vehicle_bridge.requests import unknown_action_refusal
 from tests.services.vehicle_bridge.rig import Rig
 
 THERE_ARE = "there are takeoff, go_to, get_images, area_coverage, land_on_spot, return_home."
 
 
 def test_a_goal_of_an_action_that_does_not_exist_is_refused_with_those_that_do() -> None:
-    refusal = refusal_of("@action/fly", tuple(ACTIONS))
+    refusal = unknown_action_refusal("@action/fly", tuple(ACTIONS))
     assert isinstance(refusal, Rejected)
     assert refusal.reason.startswith(f"there is no action 'fly'; {THERE_ARE} `action/*/description`")
 
@@ -21,27 +21,27 @@ def test_a_goal_of_an_action_that_does_not_exist_is_refused_with_those_that_do()
     [("takeof", "takeoff"), ("goto", "go_to"), ("land_on_the_spot", "land_on_spot"), ("Go_to", "go_to")],
 )
 def test_the_nearest_name_is_suggested(written: str, meant: str) -> None:
-    refusal = refusal_of(f"@action/{written}", tuple(ACTIONS))
+    refusal = unknown_action_refusal(f"@action/{written}", tuple(ACTIONS))
     assert isinstance(refusal, Rejected)
     assert f"Did you mean {meant}?" in refusal.reason
 
 
 def test_an_action_of_a_package_is_known_and_suggested() -> None:
     known = (*ACTIONS, "spiral")
-    assert refusal_of("@action/spiral", known) is None
-    refusal = refusal_of("@action/spirale", known)
+    assert unknown_action_refusal("@action/spiral", known) is None
+    refusal = unknown_action_refusal("@action/spirale", known)
     assert isinstance(refusal, Rejected) and "Did you mean spiral?" in refusal.reason
 
 
 def test_a_plan_and_a_cancel_get_replies_of_their_own_kind() -> None:
-    plan, cancel = (refusal_of(f"@action/fly/{request}", tuple(ACTIONS)) for request in ("plan", "cancel"))
+    plan, cancel = (unknown_action_refusal(f"@action/fly/{request}", tuple(ACTIONS)) for request in ("plan", "cancel"))
     assert isinstance(plan, PlanReply) and not plan.accepted and THERE_ARE in plan.reason
     assert isinstance(cancel, CancelReply) and not cancel.canceled and THERE_ARE in cancel.reason
 
 
 @pytest.mark.parametrize("key", ["@action/takeoff", "@action/takeoff/plan", "@action/result", "@action/fly/nonsense"])
 def test_a_request_that_an_action_server_has_or_nobody_understands_gets_no_refusal(key: str) -> None:
-    assert refusal_of(key, tuple(ACTIONS)) is None
+    assert unknown_action_refusal(key, tuple(ACTIONS)) is None
 
 
 def test_the_bridge_replies_whatever_it_does() -> None:

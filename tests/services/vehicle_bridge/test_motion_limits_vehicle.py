@@ -9,8 +9,8 @@ from jezero.runtime.service import Health
 from jezero.schemas.commands import Hover, Phase
 from jezero.schemas.state import StatusCode
 from jezero.schemas.topics import HOVER
+from jezero.services.vehicle_bridge.motion_limits import slowed_target
 from jezero.services.vehicle_bridge.vehicle import Target, VehicleSnapshot
-from jezero.services.vehicle_bridge.vehicle_limits import slowed_target
 from jezero.vehicle_config import VehicleConfig, VehicleLimitsConfig
 from tests.services.vehicle_bridge.rig import Rig
 

@@ -5,15 +5,18 @@ from random import Random
 
 import pytest
 
-from jezero.fence_geometry import nearest
+from jezero.fence import nearest
 from jezero.frames import Vec3, add, scale, subtract
 from jezero.schemas.fence import Fence, Zone
-from jezero.services.vehicle_bridge.fence_limit import limited_target
+from jezero.services.vehicle_bridge.motion_limits import limited_target
 from jezero.services.vehicle_bridge.vehicle import Target, VehicleSnapshot
+from jezero.vehicle_config import VehicleLimitsConfig
 
 FIELD = Zone(name="field", corners_ned_m=((-20.0, -20.0), (20.0, -20.0), (20.0, 20.0), (-20.0, 20.0)))
 CRATER = Zone(name="crater", corners_ned_m=((4.0, -2.0), (8.0, -2.0), (8.0, 2.0), (4.0, 2.0)))
 FENCE = Fence(keep_in=FIELD, keep_out=(CRATER,), ceiling_m=10.0, floor_over_ground_m=1.0)
+LIMITS = VehicleLimitsConfig(speed_max_mps=100.0)
+"""No limit that these targets meet: the fence alone holds them."""
 
 
 def at(pos_ned_m: Vec3, vel_ned_mps: Vec3 = (0.0, 0.0, 0.0), height_m: float | None = None) -> VehicleSnapshot:
@@ -41,7 +44,7 @@ def speed(vel_ned_mps: Vec3) -> Target:
     ],
 )
 def test_a_target_that_stays_inside_or_leads_in_is_not_changed(vehicle: VehicleSnapshot, target: Target) -> None:
-    limited, reason = limited_target(FENCE, target, vehicle, floor_holds=True)
+    limited, reason = limited_target(FENCE, LIMITS, target, vehicle, floor_holds=True)
     assert limited is target
     assert reason == ""
 
@@ -61,28 +64,28 @@ def test_a_target_that_stays_inside_or_leads_in_is_not_changed(vehicle: VehicleS
 def test_a_point_beyond_the_fence_becomes_one_in_front_of_it(
     vehicle: VehicleSnapshot, target: Target, expected: Vec3, by: str
 ) -> None:
-    limited, reason = limited_target(FENCE, target, vehicle, floor_holds=True)
+    limited, reason = limited_target(FENCE, LIMITS, target, vehicle, floor_holds=True)
     assert limited.pos_ned_m == pytest.approx(expected)
     assert by in reason
 
 
 def test_a_speed_towards_the_fence_is_one_from_which_the_vehicle_stops_in_front_of_it() -> None:
-    limited, reason = limited_target(FENCE, speed((0.0, 9.0, 0.0)), at((0.0, 15.0, -3.0)), floor_holds=True)
+    limited, reason = limited_target(FENCE, LIMITS, speed((0.0, 9.0, 0.0)), at((0.0, 15.0, -3.0)), floor_holds=True)
     assert limited.vel_ned_mps == pytest.approx((0.0, sqrt(2.0 * 1.0 * 4.6), 0.0))
     assert limited.acc_ned_mps2 is None
     assert "'field'" in reason
 
 
 def test_the_speed_along_the_fence_stays() -> None:
-    limited, _ = limited_target(FENCE, speed((2.0, 9.0, 0.0)), at((0.0, 19.6, -3.0)), floor_holds=True)
+    limited, _ = limited_target(FENCE, LIMITS, speed((2.0, 9.0, 0.0)), at((0.0, 19.6, -3.0)), floor_holds=True)
     assert limited.vel_ned_mps == pytest.approx((2.0, 0.0, 0.0), abs=1e-6)
 
 
 def test_the_floor_does_not_hold_in_a_landing() -> None:
     down = speed((0.0, 0.0, 1.0))
     vehicle = at((0.0, 0.0, -1.0))
-    assert limited_target(FENCE, down, vehicle, floor_holds=False)[0] is down
-    limited, reason = limited_target(FENCE, down, vehicle, floor_holds=True)
+    assert limited_target(FENCE, LIMITS, down, vehicle, floor_holds=False)[0] is down
+    limited, reason = limited_target(FENCE, LIMITS, down, vehicle, floor_holds=True)
     assert limited.vel_ned_mps == pytest.approx((0.0, 0.0, 0.0))
     assert "floor" in reason
 
@@ -107,7 +110,7 @@ def test_no_target_carries_a_vehicle_that_follows_it_through_the_fence(seed: int
             v = (random.uniform(-10, 10), random.uniform(-10, 10), random.uniform(-2, 2))
             far = (random.uniform(-40, 40), random.uniform(-40, 40), random.uniform(-20, -1))
             target = random.choice((point(far), speed(v), Target(far, v, None, 0.0)))
-        limited, _ = limited_target(FENCE, target, at(pos, vel), floor_holds=True)
+        limited, _ = limited_target(FENCE, LIMITS, target, at(pos, vel), floor_holds=True)
         wanted = limited.vel_ned_mps or (0.0, 0.0, 0.0)
         if limited.pos_ned_m is not None:
             wanted = add(wanted, scale(subtract(limited.pos_ned_m, pos), 0.95))

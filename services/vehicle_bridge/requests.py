@@ -1,9 +1,11 @@
-"""Requests to the bridge, replied to at once or when they have taken effect."""
+"""Requests to the bridge, replied to at once or when they have taken effect, and those to actions that don't exist."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
+from difflib import get_close_matches
 from typing import Any
 
 from jezero.runtime.service import Inbox, Output, Reply, Request
+from jezero.schemas.actions import CancelReply, ModifyReply, PauseReply, PlanReply, Rejected, ResumeReply
 from jezero.schemas.commands import (
     Abort,
     AbortReply,
@@ -19,7 +21,7 @@ from jezero.schemas.commands import (
 from jezero.schemas.rows import Endpoint
 from jezero.schemas.state import StatusCode
 from jezero.schemas.struct import Payload
-from jezero.schemas.topics import ABORT, ACQUIRE, HOVER, KILL, RELEASE
+from jezero.schemas.topics import ABORT, ACQUIRE, HOVER, KILL, RELEASE, RESULT
 from jezero.services.vehicle_bridge.authority import Authority
 from jezero.services.vehicle_bridge.autopilot_link import AutopilotLink
 from jezero.services.vehicle_bridge.vehicle import LINK_TIMEOUT_S, VehicleSnapshot
@@ -144,3 +146,37 @@ class RequestQueue:
         if lost or superseded or code in (StatusCode.HOVER, StatusCode.IDLE):
             return ReleaseReply(released=not lost, code=int(code), reason=authority.text if lost else "")
         return None
+
+
+# -- actions that don't exist ----------------------------------------------------------------------------
+
+REFUSALS: dict[str, Callable[[str], Payload]] = {
+    "": lambda why: Rejected(reason=why),
+    "plan": lambda why: PlanReply(accepted=False, reason=why),
+    "cancel": lambda why: CancelReply(canceled=False, reason=why),
+    "pause": lambda why: PauseReply(paused=False, reason=why),
+    "resume": lambda why: ResumeReply(resumed=False, reason=why),
+    "modify": lambda why: ModifyReply(modified=False, reason=why),
+}
+"""Replies by the part of the key behind the action's name."""
+NAME_LENGTH_MAX = 64
+
+
+def unknown_action_refusal(key: str, actions: Collection[str]) -> Payload | None:
+    """Reply to a request to an action that doesn't exist, whose client would else hear nothing.
+
+    None for a request that is left to an action server, or that nobody could understand.
+
+    Args:
+        key: of the request, `@action/<name>` or `@action/<name>/<request>`.
+        actions: names of all actions.
+    """
+    name, _, request = key.removeprefix("@action/").partition("/")
+    if name in actions or key == RESULT.name or request not in REFUSALS:
+        return None
+    nearest = get_close_matches(name, actions, n=1)
+    meant = f" Did you mean {nearest[0]}?" if nearest else ""
+    shown = name if len(name) <= NAME_LENGTH_MAX else f"{name[:NAME_LENGTH_MAX]}…"
+    return REFUSALS[request](
+        f"there is no action {shown!r}; there are {', '.join(actions)}.{meant} `action/*/description` has their fields"
+    )

@@ -2,7 +2,7 @@
 
 import pytest
 
-from jezero.services.vehicle_bridge.resets import HISTORY, ResetHistory
+from jezero.services.vehicle_bridge.vehicle import RESETS_MAX, ResetHistory
 
 S = 1_000_000_000
 
@@ -29,8 +29,8 @@ def test_a_point_of_an_older_counter_moves_by_all_steps_since() -> None:
 
 def test_counters_of_the_future_and_of_long_ago_are_unknown() -> None:
     resets = ResetHistory()
-    for count in range(HISTORY + 1):
+    for count in range(RESETS_MAX + 1):
         resets.update(count * S, count, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     assert resets.step_since(0) is None
     assert resets.step_since(1) is not None
-    assert resets.step_since(HISTORY + 1) is None
+    assert resets.step_since(RESETS_MAX + 1) is None
