@@ -7,11 +7,20 @@ from jezero.services.actions.area_coverage.config import AreaCoverageConfig
 from jezero.services.actions.get_images.config import GetImagesConfig
 from jezero.services.actions.go_to.config import GoToConfig
 from jezero.services.actions.land_on_spot.config import LandOnSpotConfig
-from jezero.services.actions.lifecycle.config import LifecycleConfig
-from jezero.services.actions.motion.config import CaptureConfig, MoveConfig, TrackingConfig
+from jezero.services.actions.motion.config import CaptureConfig, MoveConfig, Positive, TrackingConfig
 from jezero.services.actions.return_home.config import ReturnHomeConfig
 from jezero.services.actions.takeoff.config import TakeoffConfig
 from jezero.vehicle_config import VehicleConfig
+
+
+class LifecycleConfig(Config, frozen=True, kw_only=True):
+    """Handling of a goal from its arrival to its result.
+
+    Attributes:
+        step_rate_hz: steps of the server per second while no trigger arrives.
+    """
+
+    step_rate_hz: Positive = 10.0
 
 
 class ActionsConfig(Config, frozen=True, kw_only=True):
