@@ -11,7 +11,8 @@ ends exactly once. A goal that is only planned ends before acquiring. While a go
 """
 
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from typing import Any, Literal
 
 import msgspec
@@ -37,6 +38,7 @@ from jezero.schemas.actions import (
     CancelReply,
     Feedback,
     FeedbackMessage,
+    Modify,
     ModifyReply,
     Pause,
     PauseReply,
@@ -135,10 +137,6 @@ class ActionServer:
         self._results: dict[str, Result[Any]] = {}
         self._canceled_early: deque[str] = deque(maxlen=RESULTS_MAX)
         """Ids of goals whose cancel came before them, as after a gap in a connection."""
-        self._paused = ("", 0)
-        """Id of the last goal that was paused or resumed, and issue time of that request."""
-        self._modified = ("", 0)
-        """Id of the last goal that was modified, and issue time of that request."""
         self._health: Health | None = None
         takes = action.takes_pictures
         self.spec = Spec(
@@ -273,13 +271,14 @@ class ActionServer:
         for request in inbox.requests(action.cancel):
             yield Reply(request.request_id, self._cancel_reply(request.payload.goal_id, request.client_id))
         for request in inbox.requests(action.pause):
-            reason = self._pause_refusal(t_ns, request.payload, inbox)
+            reason = self._change("pause", t_ns, request.payload, lambda run: run.pause(t_ns, inbox))
             yield Reply(request.request_id, PauseReply(paused=not reason, reason=reason))
         for request in inbox.requests(action.resume):
-            reason = self._pause_refusal(t_ns, request.payload, inbox)
+            reason = self._change("pause", t_ns, request.payload, GoalRun.resume)
             yield Reply(request.request_id, ResumeReply(resumed=not reason, reason=reason))
         for request in inbox.requests(action.modify):
-            if reason := self._modify_refusal(t_ns, request, inbox):
+            modify = partial(GoalRun.modify, t_ns=t_ns, wanted=request, planner=self._planner, inbox=inbox)
+            if reason := self._change("modify", t_ns, request.payload, modify):  # else the goal's run replies later
                 yield Reply(request.request_id, ModifyReply(modified=False, reason=reason))
 
     def _handle_questions(self, inbox: Inbox) -> Iterator[Output]:
@@ -315,28 +314,22 @@ class ActionServer:
             self._canceled_early.append(goal_id)
         return CancelReply(canceled=False, reason=self._not_running_reason(goal_id))
 
-    def _pause_refusal(self, t_ns: int, wanted: Pause | Resume, inbox: Inbox) -> str:
-        """Pause or resume; returns the reason why that is impossible, or ""."""
+    def _change(
+        self,
+        kind: Literal["pause", "modify"],
+        t_ns: int,
+        wanted: Pause | Resume | Modify,
+        change: Callable[["GoalRun"], str],
+    ) -> str:
+        """Pause, resume or modify the goal; returns the reason why that is impossible, or ""."""
         run = self._run
         if run is None or run.goal_id != wanted.goal_id or run.plan_only:
             return self._not_running_reason(wanted.goal_id)
-        if stale := _staleness("request", t_ns, wanted.issued_t_ns, _last_ns(self._paused, run.goal_id)):
+        if stale := _staleness("request", t_ns, wanted.issued_t_ns, run.requested_ns[kind]):
             return stale
-        reason = run.pause(t_ns, inbox) if isinstance(wanted, Pause) else run.resume()
+        reason = change(run)
         if not reason:
-            self._paused = (run.goal_id, t_ns if wanted.issued_t_ns is None else wanted.issued_t_ns)
-        return reason
-
-    def _modify_refusal(self, t_ns: int, request: Request, inbox: Inbox) -> str:
-        """Begin to modify; returns the reason why that is impossible, or "" where the goal's run will reply."""
-        run, wanted = self._run, request.payload
-        if run is None or run.goal_id != wanted.goal_id or run.plan_only:
-            return self._not_running_reason(wanted.goal_id)
-        if stale := _staleness("request", t_ns, wanted.issued_t_ns, _last_ns(self._modified, run.goal_id)):
-            return stale
-        reason = run.modify(t_ns, request, self._planner, inbox)
-        if not reason:
-            self._modified = (run.goal_id, t_ns if wanted.issued_t_ns is None else wanted.issued_t_ns)
+            run.requested_ns[kind] = t_ns if wanted.issued_t_ns is None else wanted.issued_t_ns
         return reason
 
     def _not_running_reason(self, goal_id: str) -> str:
@@ -412,11 +405,6 @@ def _staleness(noun: str, t_ns: int, issued_t_ns: int | None, last_ns: int = 0) 
     return "a newer request came before this one" if issued_t_ns < last_ns else ""
 
 
-def _last_ns(last: tuple[str, int], goal_id: str) -> int:
-    """Issue time of the last request, if it was for this goal."""
-    return last[1] if last[0] == goal_id else 0
-
-
 ACQUIRE_TIMEOUT_S = 1.0
 """Time-out of the bridge's reply; the bridge refuses older requests."""
 CHECK_TIMEOUT_S = 1.5
@@ -460,6 +448,7 @@ class GoalRun:
         clients: that sent it and are still connected.
         capture: the pictures that it takes, if it does.
         plan_only: whether it is only planned.
+        requested_ns: issue times of the last requests that changed it, by their kind; a resume counts as a pause.
         behaviour: that flies it; there is one from the stage `acquiring` on.
         coverage: plan of an area coverage, as soon as there is one.
         path_ned_m: (n, 3) corners of the way that was planned last, as soon as there is one.
@@ -488,6 +477,7 @@ class GoalRun:
         self.clients: list[str] = []
         self.capture = plan.capture
         self.plan_only = plan_only
+        self.requested_ns = {"pause": 0, "modify": 0}
         self.behaviour: Behaviour
         self.coverage = plan.coverage
         self.path_ned_m: tuple[Vec3, ...] = ()
@@ -496,13 +486,15 @@ class GoalRun:
         self._plan = plan
         self._accepted = Accepted(goal_id=goal_id, warning=warning)
         self._pictures = pictures
-        captured = () if plan.capture is None else CAPTURE_INPUTS
-        self._inputs = tuple(dict.fromkeys((ALTIMETER, *plan.inputs, *captured)))
+        self._inputs = tuple(
+            dict.fromkeys((ALTIMETER, *plan.inputs, *(() if plan.capture is None else CAPTURE_INPUTS)))
+        )
         """Topics that the goal subscribes to besides odometry."""
         self._control = ControlLease(epoch_id)
         self._selection = None if plan.selection is None or plan_only else SelectionLease(goal_id, plan.selection)
         self._view = VehicleView(epoch_id, self._selection, self._inputs, goal.plan_from_ned_m)
         self._protection: FlightProtection
+        """Made with the behaviour."""
         self._pause = PauseControl(t_ns, config.move.accel_mps2)
         self._preparation: PreparationRun | None = None
         self._modification: Modification | None = None
