@@ -25,13 +25,13 @@ from jezero.schemas.struct import Message
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
 from jezero.services.actions.config import ActionsConfig, load_actions_config
-from jezero.services.actions.go_to.declaration import ACTION as GO_TO
+from jezero.services.actions.go_to import ACTION as GO_TO
 from jezero.services.actions.land_on_spot.contact import TouchdownDetector
 from jezero.services.actions.land_on_spot.platform import PlatformState
 from jezero.services.actions.lifecycle.declaration import ActionDeclaration
 from jezero.services.actions.motion.behaviour import Plan, Refusal
 from jezero.services.actions.motion.limits import beyond_limits
-from jezero.services.actions.takeoff.declaration import ACTION as TAKEOFF
+from jezero.services.actions.takeoff import ACTION as TAKEOFF
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.mixer import Mixer
 from jezero.services.autopilot.parameters import Parameters

@@ -1,6 +1,5 @@
 """`jezero new`: the start of a package that adds something to jezero."""
 
-import re
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -62,9 +61,8 @@ def _templates(package: Traversable) -> list[tuple[str, Traversable]]:
 
 
 def _target(path: str, name: str) -> str:
-    """Where a template's file goes: the modules into the package's own folder, the test under the action's name."""
-    path = re.sub(r"^src/", f"src/{name}/", path)
-    return path.replace("test_action.py", f"test_{name}.py")
+    """Where a template's file goes: module and test carry the action's name."""
+    return path.replace("action.py", f"{name}.py")
 
 
 def _write(template: Traversable, path: Path, words: dict[str, str]) -> Path:

@@ -1,17 +1,67 @@
 """Settings of all action servers, which share one file because they move alike and fly the same vehicle."""
 
+from typing import Annotated
+
+from msgspec import Meta
 from msgspec.structs import replace
 
 from jezero.runtime.config import Config, ConfigError, load_config
 from jezero.services.actions.area_coverage.config import AreaCoverageConfig
 from jezero.services.actions.get_images.config import GetImagesConfig
-from jezero.services.actions.go_to.config import GoToConfig
 from jezero.services.actions.land_on_spot.config import LandOnSpotConfig
-from jezero.services.actions.lifecycle.config import LifecycleConfig
-from jezero.services.actions.motion.config import CaptureConfig, MoveConfig, TrackingConfig
-from jezero.services.actions.return_home.config import ReturnHomeConfig
-from jezero.services.actions.takeoff.config import TakeoffConfig
+from jezero.services.actions.motion.config import CaptureConfig, MoveConfig, Positive, TrackingConfig
 from jezero.vehicle_config import VehicleConfig
+
+
+class LifecycleConfig(Config, frozen=True, kw_only=True):
+    """Handling of a goal from its arrival to its result.
+
+    Attributes:
+        step_rate_hz: steps of the server per second while no trigger arrives.
+    """
+
+    step_rate_hz: Positive = 10.0
+
+
+class TakeoffConfig(Config, frozen=True, kw_only=True):
+    """Climb straight up from the ground: its speed is in `move`, its least altitude in the limits of `vehicle.toml`."""
+
+
+class GoToConfig(Config, frozen=True, kw_only=True):
+    """Straight flight to a target.
+
+    Attributes:
+        speed_mps: speed for a goal without `speed_mps`, and on the way to a circle or an area.
+        takeoff_altitude_m: altitude of the takeoff with `do_takeoff`, above the take-off point.
+    """
+
+    speed_mps: Positive = 2.0
+    takeoff_altitude_m: Positive = 2.0
+
+
+Horizontal = Annotated[float, Meta(ge=-1e4, le=1e4)]
+
+
+class ReturnHomeConfig(Config, frozen=True, kw_only=True):
+    """The way home, and the places at which it may end.
+
+    Attributes:
+        safe_height_m: height above the world's origin at which the vehicle flies home, if it isn't higher.
+        near_m: horizontal distance from the place below which the vehicle does not climb first.
+        speed_mps: speed on the way.
+        height_arrival_m: height over the place to which the vehicle descends before the landing begins; UWB, camera and
+            altimeter find the rover from there.
+        rover_std_max_m: standard deviation of the rover's position up to which the vehicle flies there and searches,
+            while the rover is out of sight.
+        rally_points_ned_m: north and east of places on the ground where the vehicle may land.
+    """
+
+    safe_height_m: Positive = 10.0
+    near_m: Positive = 5.0
+    speed_mps: Positive = 4.0
+    height_arrival_m: Positive = 6.0
+    rover_std_max_m: Positive = 10.0
+    rally_points_ned_m: Annotated[tuple[tuple[Horizontal, Horizontal], ...], Meta(max_length=100)] = ()
 
 
 class ActionsConfig(Config, frozen=True, kw_only=True):

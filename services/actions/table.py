@@ -7,13 +7,13 @@ from jezero.runtime.config import config_directory, load_config
 from jezero.services.actions.area_coverage.planner import ACTION as AREA_COVERAGE
 from jezero.services.actions.config import ActionsConfig, load_actions_config
 from jezero.services.actions.get_images.planner import ACTION as GET_IMAGES
-from jezero.services.actions.go_to.declaration import ACTION as GO_TO
+from jezero.services.actions.go_to import ACTION as GO_TO
 from jezero.services.actions.land_on_spot.planner import ACTION as LAND_ON_SPOT
 from jezero.services.actions.lifecycle.declaration import ActionDeclaration
 from jezero.services.actions.lifecycle.picture_store import PictureStore
 from jezero.services.actions.lifecycle.server import ActionServer
-from jezero.services.actions.return_home.declaration import ACTION as RETURN_HOME
-from jezero.services.actions.takeoff.declaration import ACTION as TAKEOFF
+from jezero.services.actions.return_home.behaviour import ACTION as RETURN_HOME
+from jezero.services.actions.takeoff import ACTION as TAKEOFF
 
 DECLARATIONS: dict[str, ActionDeclaration[Any]] = {
     declaration.name: declaration

@@ -13,18 +13,16 @@ from tests.system.conftest import JEZERO, Stack, new_stack
 from tests.system.test_plain_zenoh import PLAIN_CLIENT, zenoh_get
 
 NAME = "survey_spiral"
-BROKEN = f"""
-from dataclasses import replace
-from {NAME}.declaration import ACTION as WHOLE
+BROKEN = """
 
-class Planner:
+class BrokenPlanner:
     def __init__(self, settings, config):
         pass
 
     def plan(self, goal, status):
         raise ZeroDivisionError("no plan")
 
-ACTION = replace(WHOLE, action=replace(WHOLE.action, name="broken"), planner=Planner)
+BROKEN = replace(ACTION, action=replace(ACTION.action, name="broken"), planner=BrokenPlanner)
 """
 
 
@@ -34,10 +32,11 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     into = tmp_path_factory.mktemp("package")
     subprocess.run([*JEZERO, "new", "action", NAME, "--into", str(into)], check=True, capture_output=True)
     folder = into / NAME
-    (folder / "src" / NAME / "broken.py").write_text(BROKEN)
+    module = folder / "src" / f"{NAME}.py"
+    module.write_text("from dataclasses import replace\n" + module.read_text() + BROKEN)
     pyproject = folder / "pyproject.toml"
-    entry = f'{NAME} = "{NAME}.declaration:ACTION"\n'
-    pyproject.write_text(pyproject.read_text().replace(entry, f'{entry}broken = "{NAME}.broken:ACTION"\n'))
+    entry = f'{NAME} = "{NAME}:ACTION"\n'
+    pyproject.write_text(pyproject.read_text().replace(entry, f'{entry}broken = "{NAME}:BROKEN"\n'))
     return folder
 
 

@@ -8,19 +8,23 @@ import msgspec
 from jezero.frames import Quat, Vec3, add, quat_rotate, subtract
 from jezero.runtime.service import Inbox
 from jezero.schemas.estimate import Relative, RoverEstimate
+from jezero.schemas.fence import Fence
 from jezero.schemas.rows import Topic
 from jezero.schemas.state import Odometry, Status, StatusCode
 from jezero.schemas.struct import Message
-from jezero.schemas.topics import ALTIMETER, ODOMETRY, RELATIVE, ROVER_ESTIMATE, STATUS
+from jezero.schemas.topics import ALTIMETER, FENCE, ODOMETRY, RELATIVE, ROVER_ESTIMATE, STATUS
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.lifecycle.fence_check import known_fence
-from jezero.services.actions.lifecycle.selection_lease import SelectionLease
+from jezero.services.actions.lifecycle.leases import SelectionLease
 from jezero.services.actions.motion.behaviour import VehicleState
 
 NO_SHIFT: Vec3 = (0.0, 0.0, 0.0)
 AHEAD_MAX_NS = 300_000_000
 """A message may be ahead of the vehicle time by this much, because the clock of a process that stood still is late for
 a moment."""
+ODOMETRY_AGE_MAX_S = 0.5
+ALTIMETER_AGE_MAX_S = 0.3
+ESTIMATE_AGE_MAX_S = 0.3
+"""Older readings and estimates count as lost."""
 
 
 def is_fresh(message: Message | None, t_ns: int, age_max_s: float) -> bool:
@@ -28,12 +32,12 @@ def is_fresh(message: Message | None, t_ns: int, age_max_s: float) -> bool:
     return message is not None and -AHEAD_MAX_NS <= t_ns - message.t_ns <= age_max_s * NS_PER_S
 
 
-STATUS_AGE_MAX_S = 1.0
-"""An older status counts as lost; the bridge publishes ten per second."""
-ODOMETRY_AGE_MAX_S = 0.5
-ALTIMETER_AGE_MAX_S = 0.3
-ESTIMATE_AGE_MAX_S = 0.3
-"""Older readings and estimates count as lost."""
+def known_fence(inbox: Inbox) -> Fence | None:
+    """The fence in force; None for none, and while it is unknown."""
+    status, state = inbox.latest(STATUS), inbox.latest(FENCE)
+    if status is None or state is None or state.fence_id != status.fence_id:
+        return None
+    return state.fence
 
 
 def hovering_at(status: Status, pos_ned_m: Vec3) -> Status:

@@ -1,9 +1,10 @@
-"""The way home: up to a safe height, straight to above the place, down, and a landing there.
+"""The action `return_home`: up to a safe height, straight to above the place, down, and a landing there.
 
 Twice a second the return decides again to which place the vehicle flies. When the landing fails while the vehicle still
 flies, it goes on to the next place.
 """
 
+from functools import partial
 from itertools import pairwise
 from math import hypot
 
@@ -12,15 +13,17 @@ from msgspec.structs import replace
 from jezero.frames import Vec3, distance, dot, horizontal, norm, subtract
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import LandFeedback, ReturnFeedback, ReturnHomeGoal, ReturnPhase, ReturnResult
+from jezero.schemas.state import Status
+from jezero.schemas.topics import ALTIMETER, RELATIVE, RETURN_HOME, ROVER_ESTIMATE
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.config import ActionsConfig
+from jezero.services.actions.config import ActionsConfig, ReturnHomeConfig
 from jezero.services.actions.land_on_spot.plain_landing import PlainLanding
 from jezero.services.actions.land_on_spot.rover_landing import RoverLanding
-from jezero.services.actions.motion.behaviour import Done, Move, Remaining, Selection, VehicleState
+from jezero.services.actions.lifecycle.declaration import ActionDeclaration
+from jezero.services.actions.motion.behaviour import Done, Move, Plan, Refusal, Remaining, Selection, VehicleState
+from jezero.services.actions.motion.limits import speed_refusal
 from jezero.services.actions.motion.straight_path import StraightPath
-from jezero.services.actions.return_home.config import ReturnHomeConfig
-from jezero.services.actions.return_home.decision import Decision
-from jezero.services.actions.return_home.places import Place, ground_places, rover_place
+from jezero.services.actions.return_home.decision import Decision, Place, ground_places, rover_place
 
 DECISION_PERIOD_NS = NS_PER_S // 2
 ROVER_MOVED_M = 5.0
@@ -270,3 +273,37 @@ class ReturnHome:
             reason=self._way.reason,
             landing=landing,
         )
+
+
+SELECTION = Selection(use_uwb=True, use_tag=True)
+
+
+class ReturnHomePlanner:
+    """Plans the way home; the place follows from what is known of the rover when the flight begins."""
+
+    def __init__(self, settings: ReturnHomeConfig, config: ActionsConfig) -> None:
+        self._settings = settings
+        self._config = config
+
+    def plan(self, goal: ReturnHomeGoal, status: Status) -> Plan | Refusal:
+        """Plan a return; neither the battery nor the wind refuses it."""
+        limits = self._config.vehicle.limits
+        if reason := speed_refusal(goal.speed_mps, limits):
+            return Refusal(reason)
+        if goal.safe_height_m is not None and goal.safe_height_m > limits.altitude_max_m:
+            return Refusal(f"safe_height_m {goal.safe_height_m:g} is above the limit of {limits.altitude_max_m:g} m")
+        return Plan(
+            partial(ReturnHome, goal, status.takeoff_ned_m, SELECTION, self._settings, self._config),
+            lands=True,
+            inputs=(ALTIMETER, RELATIVE, ROVER_ESTIMATE),
+            selection=SELECTION,
+            check_inputs=_wait_for_inputs,
+        )
+
+
+def _wait_for_inputs(state: VehicleState) -> str:
+    """Refuse nothing: the vehicle returns with whatever inputs have come."""
+    return ""
+
+
+ACTION = ActionDeclaration(action=RETURN_HOME, settings=ReturnHomeConfig, planner=ReturnHomePlanner)

@@ -14,15 +14,15 @@ from jezero.schemas.commands import Phase
 from jezero.schemas.goals import GoToGoal, LandOnSpotGoal, LandResult, TakeoffGoal
 from jezero.schemas.state import Status
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.go_to.declaration import ACTION as GO_TO
+from jezero.services.actions.go_to import ACTION as GO_TO
 from jezero.services.actions.land_on_spot.planner import ACTION as LAND_ON_SPOT
 from jezero.services.actions.lifecycle.declaration import ActionDeclaration
 from jezero.services.actions.motion import straight_path
 from jezero.services.actions.motion.behaviour import Done, Move, Plan, Preparation, Refusal, VehicleState
 from jezero.services.actions.motion.config import MoveConfig
 from jezero.services.actions.motion.straight_path import StraightPath, straight_speed_mps
-from jezero.services.actions.takeoff import climb
-from jezero.services.actions.takeoff.declaration import ACTION as TAKEOFF
+from jezero.services.actions.takeoff import ACTION as TAKEOFF
+from jezero.services.actions.takeoff import LEAD_M
 from tests.services.actions.fake_bridge import follow
 
 CONFIG = ActionsConfig()
@@ -136,7 +136,7 @@ def test_a_vehicle_that_does_not_rise_is_given_up_with_the_distance() -> None:
     assert done.outcome == "aborted"
     assert "still 2.00 m from the target" in done.reason
     highest = min(move.pos_ned_m[2] for _, move in flight.moves if move.pos_ned_m)
-    assert highest == pytest.approx(-climb.LEAD_M, abs=0.05)
+    assert highest == pytest.approx(-LEAD_M, abs=0.05)
 
 
 def test_go_to_flies_a_straight_line_and_turns_at_a_limited_rate() -> None:

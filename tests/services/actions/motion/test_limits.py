@@ -8,10 +8,10 @@ from jezero.frames import Vec3
 from jezero.schemas.goals import AreaCoverageGoal, GetImagesGoal, GoToGoal, TakeoffGoal
 from jezero.services.actions.area_coverage.planner import ACTION as AREA_COVERAGE
 from jezero.services.actions.get_images.planner import ACTION as GET_IMAGES
-from jezero.services.actions.go_to.declaration import ACTION as GO_TO
+from jezero.services.actions.go_to import ACTION as GO_TO
 from jezero.services.actions.lifecycle.declaration import ActionDeclaration
 from jezero.services.actions.motion.limits import point_refusal
-from jezero.services.actions.takeoff.declaration import ACTION as TAKEOFF
+from jezero.services.actions.takeoff import ACTION as TAKEOFF
 from jezero.vehicle_config import VehicleLimitsConfig
 from tests.services.actions.test_behaviours import refusal_of
 

@@ -7,12 +7,10 @@ from jezero.frames import Vec3
 from jezero.schemas.fence import Fence, Zone
 from jezero.schemas.goals import ReturnHomeGoal
 from jezero.schemas.state import Battery
-from jezero.services.actions.config import ActionsConfig
+from jezero.services.actions.config import ActionsConfig, ReturnHomeConfig
 from jezero.services.actions.land_on_spot.rover_landing import rover_landing_remaining
 from jezero.services.actions.motion.behaviour import VehicleState
-from jezero.services.actions.return_home.config import ReturnHomeConfig
-from jezero.services.actions.return_home.decision import Decision, Way
-from jezero.services.actions.return_home.places import Place
+from jezero.services.actions.return_home.decision import Decision, Place, Way
 
 HERE = (100.0, 0.0, -10.0)
 ROVER = Place("rover", (0.0, 0.0, -0.5), "the rover is in sight")

@@ -13,8 +13,7 @@ from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, Cancel, CancelReply, Rejected
 from jezero.schemas.goals import GoToGoal
 from jezero.schemas.state import Status
-from jezero.services.actions.lifecycle.preparation_run import PREPARE_TIMEOUT_S
-from jezero.services.actions.lifecycle.server import ActionServer
+from jezero.services.actions.lifecycle.server import PREPARE_TIMEOUT_S, ActionServer
 from jezero.services.actions.motion.behaviour import Plan, Preparation, Prepared, Refusal
 from jezero.services.actions.table import find_declaration, settings_of
 from tests.services.actions.fake_bridge import FakeBridge

@@ -5,10 +5,10 @@ import pytest
 from jezero.schemas.actions import Rejected
 from jezero.schemas.goals import GoToGoal, LandOnSpotGoal, TakeoffGoal
 from jezero.schemas.state import Battery
-from jezero.services.actions.lifecycle.battery_reserve import battery_refusal
+from jezero.services.actions.lifecycle.protection import battery_refusal
 from jezero.vehicle_config import BatteryConfig
 from tests.services.actions.fake_camera import FakeCamera
-from tests.services.actions.lifecycle.test_plans import CIRCLE, FIELD, SPOT, plan
+from tests.services.actions.lifecycle.test_server_plans import CIRCLE, FIELD, SPOT, plan
 from tests.services.actions.rig import World
 
 HALF_PERCENT_PER_S = BatteryConfig(capacity_mah=1000.0, electronics_a=3.0, hover_a=15.0)

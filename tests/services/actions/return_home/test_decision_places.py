@@ -5,7 +5,7 @@ from msgspec.structs import replace
 
 from jezero.frames import Vec3
 from jezero.schemas.estimate import RoverEstimate
-from jezero.services.actions.return_home.places import Place, ground_places, rover_place
+from jezero.services.actions.return_home.decision import Place, ground_places, rover_place
 from jezero.vehicle_config import VehicleLimitsConfig
 
 HERE = (30.0, 40.0, -10.0)

@@ -1,19 +1,122 @@
-"""A vehicle that runs away from its setpoint: motions by hand, then goals of every action with a wrong heading."""
+"""What ends a flight, whatever the action: numbers and motions by hand, then goals of every action."""
 
 from collections.abc import Callable
 from math import radians, sin
 
 import pytest
+from msgspec.structs import replace
 
-from jezero.frames import Vec3, distance
+from jezero.frames import Vec3, distance, quat_from_euler
 from jezero.schemas.actions import Result
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import Goal, GoToGoal, MoveFeedback
-from jezero.services.actions.lifecycle.runaway_detector import RunawayDetector
-from jezero.services.actions.motion.behaviour import Move, VehicleState
+from jezero.schemas.state import Odometry
+from jezero.services.actions.lifecycle.protection import GroundProximity, ResetWatch, RunawayDetector
+from jezero.services.actions.motion.behaviour import Move, MovingFrame, VehicleState
+from jezero.vehicle_config import VehicleConfig
 from tests.services.actions.fake_camera import FakeCamera
-from tests.services.actions.lifecycle.test_plans import CIRCLE, FIELD, SPOT
+from tests.services.actions.lifecycle.test_server_plans import CIRCLE, FIELD, SPOT
 from tests.services.actions.rig import World
+
+# -- steps of the autopilot's estimate --
+
+MOVE = Move(Phase.GO_TO, None, pos_ned_m=(0.0, 0.0, -3.0))
+START = Odometry(
+    t_ns=0,
+    epoch_id=1,
+    pos_uav_ned_m=(0.0, 0.0, -3.0),
+    vel_uav_ned_mps=(0.0, 0.0, 0.0),
+    q_ned_from_frd=quat_from_euler(0.0, 0.0, radians(170.0)),
+    rates_uav_frd_rps=(0.0, 0.0, 0.0),
+)
+
+
+def after(yaw_deg: float = 170.0, offset_ned_m: Vec3 = (0.0, 0.0, 0.0), resets: int = 1) -> Odometry:
+    attitude = quat_from_euler(0.0, 0.0, radians(yaw_deg))
+    return replace(START, q_ned_from_frd=attitude, reset_offset_ned_m=offset_ned_m, reset_counter=resets)
+
+
+@pytest.mark.parametrize("yaw_deg", [-125.0, 105.0, -10.0])
+def test_a_step_of_the_heading_names_the_compass_and_its_mounting(yaw_deg: float) -> None:
+    problem = ResetWatch(START).problem(after(yaw_deg), MOVE)
+    assert "contradicts the compass: check how the compass is mounted" in problem
+    assert f"by {abs((yaw_deg - 170.0 + 180.0) % 360.0 - 180.0):.0f}° in one step" in problem
+
+
+@pytest.mark.parametrize("yaw_deg", [-175.0, 160.0])
+def test_a_small_step_of_the_heading_is_borne(yaw_deg: float) -> None:
+    assert ResetWatch(START).problem(after(yaw_deg), MOVE) == ""
+
+
+def test_a_turn_of_the_vehicle_is_no_step() -> None:
+    assert ResetWatch(START).problem(after(0.0, resets=0), MOVE) == ""
+
+
+def test_a_step_of_the_height_alone_is_borne() -> None:
+    assert ResetWatch(START).problem(after(offset_ned_m=(0.0, 0.0, 5.0)), MOVE) == ""
+
+
+def test_a_goal_in_a_moving_frame_bears_steps_of_the_position() -> None:
+    with_rover = replace(MOVE, frame=MovingFrame())
+    assert ResetWatch(START).problem(after(offset_ned_m=(5.0, 0.0, 0.0)), with_rover) == ""
+    assert "by 5.0 m in one step" in ResetWatch(START).problem(after(offset_ned_m=(5.0, 0.0, 0.0)), MOVE)
+
+
+# -- the ground: only the altimeter counts --
+
+VEHICLE = VehicleConfig()
+GROUND_STEP_NS = 50_000_000
+
+
+def ground_problem(
+    clearance_m: float | None, down_mps: float, *, north_mps: float = 0.0, phase: Phase = Phase.GO_TO, steps: int = 5
+) -> str:
+    """Problem after some steps of 0.05 s in the same state, with an estimated altitude of 8 m."""
+    height_m = None if clearance_m is None else clearance_m + VEHICLE.height_altimeter_m
+    state = VehicleState((0.0, 0.0, -8.0), (north_mps, 0.0, down_mps), (1.0, 0.0, 0.0, 0.0), True, False, 0.0, height_m)
+    feedback = MoveFeedback(pos_uav_ned_m=(0.0, 0.0, -8.0), distance_m=1.0)
+    move = Move(phase, feedback, pos_ned_m=(0.0, 0.0, -7.0))
+    guard = GroundProximity(VEHICLE)
+    return [guard.problem(step * GROUND_STEP_NS, state, move) for step in range(steps)][-1]
+
+
+@pytest.mark.parametrize(
+    ("clearance_m", "down_mps", "ends"),
+    [
+        (0.57, 1.0, True),  # 1 m/s needs 1² / (2 · 1.5) = 0.33 m, and 0.25 m must be left
+        (0.60, 1.0, False),
+        (0.20, 0.05, True),
+        (0.20, -0.5, False),  # climbs
+        (0.05, 0.0, True),  # stands
+        (3.0, 2.0, False),
+    ],
+)
+def test_a_goal_ends_while_there_is_still_room_to_brake(clearance_m: float, down_mps: float, ends: bool) -> None:
+    assert bool(ground_problem(clearance_m, down_mps)) is ends
+
+
+def test_the_reason_has_the_measured_height() -> None:
+    assert "measures only 0.2 m below the vehicle's feet" in ground_problem(0.2, 0.5)
+
+
+def test_a_low_vehicle_that_only_moves_sideways_flies_on() -> None:
+    assert not ground_problem(0.2, 0.0, north_mps=1.0)
+
+
+@pytest.mark.parametrize("phase", [Phase.TAKEOFF, Phase.LANDING])
+def test_takeoff_and_landing_may_be_at_the_ground(phase: Phase) -> None:
+    assert not ground_problem(0.05, 0.5, phase=phase)
+
+
+def test_a_single_reading_ends_nothing() -> None:
+    assert not ground_problem(0.0, 1.0, steps=1)
+
+
+def test_without_an_altimeter_nothing_is_concluded() -> None:
+    assert not ground_problem(None, 1.0)
+
+
+# -- a vehicle that runs away --
 
 STEP_S = 0.02
 ORIGIN: Vec3 = (0.0, 0.0, -3.0)

@@ -5,11 +5,17 @@ from typing import Any
 import pytest
 
 from jezero.frames import distance, norm
+from jezero.runtime.service import BackgroundTask, CancelTask, Output, Reply, Response
 from jezero.schemas import topics
 from jezero.schemas.actions import Feedback, GetRunning, Modify, ModifyReply, Pause
-from jezero.schemas.goals import GetImagesGoal, GoToGoal, LandOnSpotGoal, TakeoffGoal
+from jezero.schemas.goals import AreaCoverageGoal, GetImagesGoal, GoToGoal, LandOnSpotGoal, TakeoffGoal
 from jezero.schemas.rows import Action
-from tests.services.actions.lifecycle.test_pause import assert_continuous, request
+from jezero.schemas.state import Status, StatusCode
+from jezero.schemas.topics import AREA_COVERAGE, STATUS
+from jezero.services.actions.config import ActionsConfig
+from jezero.services.actions.lifecycle.server import Modification
+from jezero.services.actions.motion.behaviour import Plan, Preparation, Prepared, VehicleState
+from tests.services.actions.lifecycle.test_server_pause import assert_continuous, request
 from tests.services.actions.rig import FAR, World
 
 
@@ -132,3 +138,84 @@ def test_other_clients_read_the_way_of_a_goal_and_its_new_way_after_a_change() -
     assert way_end_ned_m() == FAR.target_ned_m
     assert modify(world, "far", target_ned_m=[5.0, 10.0, -6.0]).modified
     assert way_end_ned_m() == (5.0, 10.0, -6.0)
+
+
+# -- a picture that comes while a change is planned --
+
+STILL = (0.0, 0.0, 0.0)
+STATE = VehicleState((0.0, 0.0, -4.0), STILL, (1.0, 0.0, 0.0, 0.0), armed=True, landed=False)
+HOVERING = Status(
+    t_ns=0,
+    code=3,
+    name=StatusCode.HOVER.name,
+    armed=True,
+    landed=False,
+    in_charge="hover",
+    bridge_boot_id=1,
+    ready=True,
+)
+AREA = AreaCoverageGoal(polygon_ned_m=((0.0, 0.0), (4.0, 0.0), (4.0, 4.0)), z_ned_m=-4.0, goal_id="g")
+
+
+def work() -> int:
+    return 7
+
+
+class HoveringRun:
+    """A goal that hovers for its change, and that may still get a picture. It is also the planner and the inbox.
+
+    Attributes:
+        taken: number of pictures so far.
+        planned_with: number of pictures at each plan.
+        in_force: number of pictures with which the plan that came into force was made; None before.
+    """
+
+    stage = "flying"
+    action = AREA_COVERAGE
+    goal_id = "g"
+    config = ActionsConfig()
+    behaviour: Any = None
+
+    def __init__(self) -> None:
+        self.capture = self
+        self.taken = 0
+        self.planned_with: list[int] = []
+        self.in_force: int | None = None
+        self.responses: tuple[Response, ...] = ()
+
+    def brake(self, t_ns: int, inbox: Any) -> VehicleState:
+        return STATE
+
+    def goal_time_ns(self, t_ns: int) -> int:
+        return t_ns
+
+    def go_on_changed(self, goal: Any, behaviour: Any, path_ned_m: Any) -> None:
+        self.in_force = behaviour
+
+    def replan(self, goal: Any, status: Status, running: Any) -> Plan:
+        taken = self.taken
+        self.planned_with.append(taken)
+        return Plan(
+            Preparation(work=lambda state: work, start=lambda made: Prepared(start=lambda t_ns, state: taken))  # type: ignore[arg-type, return-value]
+        )
+
+    def latest(self, topic: Any) -> Any:
+        return HOVERING if topic is STATUS else None
+
+
+def tasks(outputs: list[Output]) -> list[str]:
+    return [output.tag for output in outputs if isinstance(output, BackgroundTask)]
+
+
+def test_a_change_is_planned_again_when_a_picture_comes_while_it_is_planned() -> None:
+    run: Any = HoveringRun()
+    change = Modification(run, 1, AREA, run)
+    (first,) = tasks(list(change.step(1_000, run)))
+    run.taken = 1
+    outputs = list(change.step(2_000, run))
+    assert CancelTask(first) in outputs
+    (second,) = tasks(outputs)
+    run.responses = (Response(first, None, "canceled"), Response(second, 7))
+    outputs = list(change.step(3_000, run))
+    assert [output.payload for output in outputs if isinstance(output, Reply)] == [ModifyReply(modified=True)]
+    assert (run.planned_with, run.in_force) == ([0, 1], 1)
