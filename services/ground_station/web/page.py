@@ -7,8 +7,6 @@ from nicegui import ui
 from jezero.router_address import is_on_this_computer
 from jezero.services.ground_station.config import GroundStationConfig
 from jezero.services.ground_station.scene import ground_shape
-from jezero.services.ground_station.web.access import Access
-from jezero.services.ground_station.web.access_bar import AccessBar
 from jezero.services.ground_station.web.backpressure import Backpressure
 from jezero.services.ground_station.web.commands import Commands
 from jezero.services.ground_station.web.data_panel import DataPanel
@@ -28,6 +26,7 @@ from jezero.services.ground_station.web.feed import Feed
 from jezero.services.ground_station.web.fly import FlyPanel
 from jezero.services.ground_station.web.goal_bar import GoalBar
 from jezero.services.ground_station.web.lists import Events, Services
+from jezero.services.ground_station.web.login import Access, AccessBar
 from jezero.services.ground_station.web.pilot_link import PilotLink
 from jezero.services.ground_station.web.playback_bar import PlaybackBar
 from jezero.services.ground_station.web.playback_feed import RECORDED, PlaybackFeed
