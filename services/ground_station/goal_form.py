@@ -1,12 +1,16 @@
-"""Forms for goals, from the JSON Schema that an action publishes: fields with units, ranges and defaults."""
+"""Forms for goals, from the JSON Schema that an action publishes: fields with units, ranges and defaults.
+
+A goal takes two clicks: the first one plans it, the second one confirms what it would take.
+"""
 
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import degrees, isfinite, radians
+from math import ceil, degrees, isfinite, radians
 from typing import Any, Literal
 
-from jezero.services.ground_station.words import DEGREES, UNITS, in_words, label_of
+from jezero.schemas.actions import PlanReply
+from jezero.services.ground_station.words import DEGREES, UNITS, duration, in_words, label_of
 
 Kind = Literal["number", "integer", "switch", "choice", "choices", "vector", "area", "areas"]
 LEFT_OUT = frozenset(
@@ -27,6 +31,8 @@ AREA_WORDS: Mapping[str, tuple[str, ...]] = {
     "areas": ("hole", "holes"),
 }
 """Words of refusals that are about an area."""
+CONFIRMATION_TIMEOUT_S = 60.0
+"""A plan that is older may not hold any more: the vehicle has moved, and its battery is emptier."""
 _IS_UP = re.compile(r"[;,] (?:a )?negative (?:z )?is up")
 _ENTRY = re.compile(r"^ +(\w+): (.*(?:\n {9,}.*)*)", re.MULTILINE)
 
@@ -120,9 +126,10 @@ def _resolved(part: Mapping[str, Any], schema: Mapping[str, Any]) -> Mapping[str
 
 def _field(name: str, part: Mapping[str, Any], schema: Mapping[str, Any], required: bool, meaning: str) -> Field | None:
     kind_schema = _resolved(part, schema)
-    label, unit = _label_and_unit(name)
+    words = name.split("_")
+    unit = UNITS.get(words[-1], "") if len(words) > 1 else ""
     common: dict[str, Any] = {
-        "name": name, "label": label, "required": required, "default": part.get("default"), "help": meaning,
+        "name": name, "label": label_of(name), "required": required, "default": part.get("default"), "help": meaning,
     }  # fmt: skip
     items = _resolved(kind_schema.get("items") or {}, schema)
     if choices := tuple(str(choice) for choice in kind_schema.get("enum") or items.get("enum") or ()):
@@ -150,11 +157,6 @@ def _bound(bound: float | None, unit: str, name: str) -> float | None:
     if bound is None or abs(bound) >= BOUND_MAX:
         return None
     return float(round(degrees(bound))) if unit == DEGREES and name.endswith("_rad") else bound
-
-
-def _label_and_unit(name: str) -> tuple[str, str]:
-    words = name.split("_")
-    return label_of(name), UNITS.get(words[-1], "") if len(words) > 1 else ""
 
 
 def goal_from(
@@ -258,3 +260,46 @@ def named_field(reason: str, fields: Sequence[Field]) -> str:
             if match is not None:
                 found.append((match.start(), -len(word), field.name))
     return min(found)[2] if found else ""
+
+
+@dataclass(frozen=True)
+class Confirmation:
+    """A goal that was planned and waits for the second click.
+
+    Attributes:
+        goal: its fields, as they were planned.
+        typed: what was typed for it. The goal can't be compared: its z follows the estimate of the start's height.
+        plan: its plan.
+        t_s: time of the plan, on the clock that the caller uses.
+    """
+
+    goal: Mapping[str, Any]
+    typed: Mapping[str, Any]
+    plan: PlanReply
+    t_s: float
+
+    def holds_for(self, typed: Mapping[str, Any], now_s: float) -> bool:
+        """Whether the second click may fly the plan of what the form has now."""
+        return typed == self.typed and not self.is_old(now_s)
+
+    def is_old(self, now_s: float) -> bool:
+        """Whether it is too late for the second click."""
+        return now_s - self.t_s > CONFIRMATION_TIMEOUT_S
+
+    def words(self, start_z_ned_m: float) -> str:
+        """What the goal would take, e.g. "Confirm: 34 s, 41 m, 5 % of the battery, up to 6 m".
+
+        Args:
+            start_z_ned_m: z of the place from which heights are counted.
+        """
+        plan, parts = self.plan, []
+        if plan.duration_s is not None:
+            parts.append(duration(plan.duration_s))
+        if plan.distance_m is not None:
+            parts.append(f"{plan.distance_m:.0f} m")
+        if plan.battery_used is not None:
+            parts.append(f"{ceil(round(100.0 * plan.battery_used, 3))} % of the battery")
+        if plan.path_ned_m:
+            height_max_m = start_z_ned_m - min(point[2] for point in plan.path_ned_m)
+            parts.append(f"up to {round(height_max_m, 1):g} m")
+        return f"Confirm: {', '.join(parts)}" if parts else "Confirm"

@@ -22,8 +22,7 @@ from jezero.recording.mcap_file import McapFile, RawMessage
 from jezero.schemas import topics
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.units import NS_PER_S
-from jezero.services.ground_station.events import Event
-from jezero.services.ground_station.state import SHOWN, VehicleState
+from jezero.services.ground_station.state import SHOWN, Event, VehicleState
 
 KEYFRAME_PERIOD_S = 5.0
 PICTURE_AGE_MAX_S = 2.0

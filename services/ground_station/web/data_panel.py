@@ -7,7 +7,7 @@ from nicegui import events, ui
 from nicegui.element import Element
 
 from jezero.schemas.topics import TOPICS
-from jezero.services.ground_station.plots import SPAN_S, PlotField, Series, fields_of, plottable_topics
+from jezero.services.ground_station.topic_data import PLOT_SPAN_S, PlotField, Series, fields_of, plottable_topics
 from jezero.services.ground_station.web.backpressure import Backpressure
 from jezero.services.ground_station.web.elements import STATIC
 from jezero.services.ground_station.web.topic_watch import TopicWatch
@@ -89,7 +89,7 @@ class DataPanel:
             self._show_lines()
 
     def _show_lines(self) -> None:
-        self._plot.props["span"] = SPAN_S
+        self._plot.props["span"] = PLOT_SPAN_S
         self._plot.props["lines"] = [
             {"id": number, "label": f"{series.field.topic} {series.field.label}", "unit": series.field.unit}
             for number, series in self._lines.items()
@@ -105,7 +105,7 @@ class DataPanel:
         now_s = time.monotonic()
         added = {}
         for number, series in self._lines.items():
-            values = series.since(self._sent_s.get(number, now_s - SPAN_S))
+            values = series.since(self._sent_s.get(number, now_s - PLOT_SPAN_S))
             if values:
                 self._sent_s[number] = values[-1][0]
                 added[number] = [[round(t_s - now_s, 3), value] for t_s, value in values]

@@ -7,7 +7,7 @@ from nicegui import events, ui
 
 from jezero.area_files import AreaFileError, FilePolygon
 from jezero.schemas.actions import PlanReply
-from jezero.services.ground_station.flown_area import DrawnArea, area_from_browser, placed, polygons_in
+from jezero.services.ground_station.drawn_area import DrawnArea, area_from_browser, placed, polygons_in
 from jezero.services.ground_station.web.commands import Commands
 from jezero.services.ground_station.web.elements import Map, View3D
 from jezero.services.ground_station.web.feed import Feed

@@ -12,9 +12,8 @@ from nicegui import events, ui
 
 from jezero.schemas.actions import ActionDescription, PlanReply
 from jezero.schemas.rows import Action
-from jezero.services.ground_station.confirmation import Confirmation
-from jezero.services.ground_station.flown_area import DrawnArea
-from jezero.services.ground_station.goal_form import CORNERS_MIN, Field, form_of, goal_from, named_field
+from jezero.services.ground_station.drawn_area import DrawnArea
+from jezero.services.ground_station.goal_form import CORNERS_MIN, Confirmation, Field, form_of, goal_from, named_field
 from jezero.services.ground_station.web.commands import Commands
 from jezero.services.ground_station.words import duration, in_words
 

@@ -6,7 +6,7 @@ from nicegui import ui
 
 from jezero.router_address import is_on_this_computer
 from jezero.services.ground_station.config import GroundStationConfig
-from jezero.services.ground_station.scene import ground_shape
+from jezero.services.ground_station.views import ground_shape
 from jezero.services.ground_station.web.backpressure import Backpressure
 from jezero.services.ground_station.web.commands import Commands
 from jezero.services.ground_station.web.data_panel import DataPanel

@@ -15,7 +15,7 @@ from nicegui import app as pages
 from jezero.runtime.service import Health
 from jezero.services.ground_station.access import Listening, insecurities, listening_socket
 from jezero.services.ground_station.config import GroundStationConfig
-from jezero.services.ground_station.robot import robot_shapes
+from jezero.services.ground_station.views import robot_shapes
 from jezero.services.ground_station.web.camera_feed import CameraFeed
 from jezero.services.ground_station.web.connections import (
     BODY_MAX_BYTES,

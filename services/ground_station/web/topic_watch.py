@@ -9,8 +9,7 @@ from typing import Any
 from jezero.aio import JezeroError
 from jezero.schemas.rows import Topic
 from jezero.schemas.topics import TOPICS
-from jezero.services.ground_station.links import LINKS, LinkTable
-from jezero.services.ground_station.plots import PlotField, Series
+from jezero.services.ground_station.topic_data import LINKS, LinkTable, PlotField, Series
 from jezero.services.ground_station.web.feed import RETRY_S, Feed
 
 SERIES_MAX = 40

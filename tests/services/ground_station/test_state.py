@@ -14,7 +14,7 @@ from jezero.schemas.preflight import Check, PreflightReport
 from jezero.schemas.sensors import Altimeter
 from jezero.schemas.state import Battery
 from jezero.schemas.topics import feedback_of, health_of
-from jezero.services.ground_station import readings
+from jezero.services.ground_station import views
 from jezero.services.ground_station.state import VehicleState
 from tests.services.ground_station.messages import IMAGE, Flight, health, relative, rover
 
@@ -246,7 +246,7 @@ def test_a_restarted_service_is_an_event() -> None:
 
 @pytest.mark.parametrize("value", [None, nan, inf, -inf])
 def test_a_value_that_is_absent_or_not_finite_is_a_dash(value: float | None) -> None:
-    row = readings.reading("speed", value, "m/s", 0.1)
+    row = views.reading("speed", value, "m/s", 0.1)
     assert (row.text, row.unit, row.late) == ("–", "", True)
 
 
