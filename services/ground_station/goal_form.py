@@ -38,7 +38,7 @@ _ENTRY = re.compile(r"^ +(\w+): (.*(?:\n {9,}.*)*)", re.MULTILINE)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Field:
+class FormField:
     """One field of a form.
 
     Attributes:
@@ -88,7 +88,7 @@ class Field:
         return "" if self.maximum is None else f"to {self.maximum:g}"
 
 
-def form_of(schema: Mapping[str, Any]) -> tuple[str, list[Field]]:
+def form_of(schema: Mapping[str, Any]) -> tuple[str, list[FormField]]:
     """What a goal does in one sentence, and the fields of its form.
 
     Args:
@@ -124,7 +124,9 @@ def _resolved(part: Mapping[str, Any], schema: Mapping[str, Any]) -> Mapping[str
     return part
 
 
-def _field(name: str, part: Mapping[str, Any], schema: Mapping[str, Any], required: bool, meaning: str) -> Field | None:
+def _field(
+    name: str, part: Mapping[str, Any], schema: Mapping[str, Any], required: bool, meaning: str
+) -> FormField | None:
     kind_schema = _resolved(part, schema)
     words = name.split("_")
     unit = UNITS.get(words[-1], "") if len(words) > 1 else ""
@@ -133,10 +135,10 @@ def _field(name: str, part: Mapping[str, Any], schema: Mapping[str, Any], requir
     }  # fmt: skip
     items = _resolved(kind_schema.get("items") or {}, schema)
     if choices := tuple(str(choice) for choice in kind_schema.get("enum") or items.get("enum") or ()):
-        return Field(**common, unit="", kind="choice" if "enum" in kind_schema else "choices", choices=choices)
+        return FormField(**common, unit="", kind="choice" if "enum" in kind_schema else "choices", choices=choices)
     match kind_schema.get("type"):
         case "boolean":
-            return Field(**common, unit="", kind="switch")
+            return FormField(**common, unit="", kind="switch")
         case "number" | "integer" as kind:
             low, high = (_bound(kind_schema.get(bound), unit, name) for bound in ("minimum", "maximum"))
             if name.endswith(Z_NAMES):  # bounds of a z don't bound the height above the start
@@ -144,12 +146,12 @@ def _field(name: str, part: Mapping[str, Any], schema: Mapping[str, Any], requir
                 common["default"] = None if common["default"] is None else 0.0 - common["default"]
             if common["default"] is not None and name.endswith("_rad"):
                 common["default"] = degrees(common["default"])
-            return Field(**common, unit=unit, kind=kind, minimum=low, maximum=high)
+            return FormField(**common, unit=unit, kind=kind, minimum=low, maximum=high)
         case "array" if "prefixItems" in kind_schema:
             axes = AXES[: len(kind_schema["prefixItems"])]
-            return Field(**common, unit=unit, kind="vector", axes=axes)
+            return FormField(**common, unit=unit, kind="vector", axes=axes)
         case "array":
-            return Field(**common, unit=unit, kind="area" if "prefixItems" in items else "areas")
+            return FormField(**common, unit=unit, kind="area" if "prefixItems" in items else "areas")
     return None
 
 
@@ -160,7 +162,7 @@ def _bound(bound: float | None, unit: str, name: str) -> float | None:
 
 
 def goal_from(
-    fields: Sequence[Field], values: Mapping[str, Any], start_z_ned_m: float = 0.0
+    fields: Sequence[FormField], values: Mapping[str, Any], start_z_ned_m: float = 0.0
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """The goal's fields from what was typed, and a sentence for each field that is wrong.
 
@@ -183,7 +185,7 @@ def goal_from(
     return goal, problems
 
 
-def _ned(field: Field, value: Any, start_z_ned_m: float) -> Any:
+def _ned(field: FormField, value: Any, start_z_ned_m: float) -> Any:
     """A value with z where its height was typed."""
     if not field.has_height:
         return value
@@ -192,18 +194,18 @@ def _ned(field: Field, value: Any, start_z_ned_m: float) -> Any:
     return round(start_z_ned_m - value, 3)
 
 
-def _has_number(field: Field) -> bool:
+def _has_number(field: FormField) -> bool:
     """Whether a field that is left out stands for a number: emptied by a person, it must not fly with that."""
     return field.kind in ("number", "integer") and field.default is not None
 
 
-def _missing(field: Field) -> str:
+def _missing(field: FormField) -> str:
     if field.kind == "area":
         return "Draw the area on the map: click its corners"
     return f"{field.label} is needed"
 
 
-def _value(field: Field, typed: Any) -> Any:
+def _value(field: FormField, typed: Any) -> Any:
     """The value of a field; None for an empty one.
 
     Raises:
@@ -227,7 +229,7 @@ def _value(field: Field, typed: Any) -> Any:
     return int(number) if field.kind == "integer" else number
 
 
-def _vector(field: Field, parts: list[Any]) -> list[float] | None:
+def _vector(field: FormField, parts: list[Any]) -> list[float] | None:
     if all(part in (None, "") for part in parts):
         return None
     if any(part in (None, "") for part in parts):
@@ -235,7 +237,7 @@ def _vector(field: Field, parts: list[Any]) -> list[float] | None:
     return [_number(field, part) for part in parts]
 
 
-def _number(field: Field, typed: Any) -> float:
+def _number(field: FormField, typed: Any) -> float:
     try:
         number = float(typed)
     except (TypeError, ValueError):
@@ -247,7 +249,7 @@ def _number(field: Field, typed: Any) -> float:
     return number
 
 
-def named_field(reason: str, fields: Sequence[Field]) -> str:
+def named_field(reason: str, fields: Sequence[FormField]) -> str:
     """Name of the field that a refusal is about; "" when it names none.
 
     A refusal names a field as the decoder does (`$.altitude_m`), by its name, or by its label in words: "speed 20 m/s

@@ -31,7 +31,7 @@ WEBP_QUALITY = 70
 
 
 @dataclass(frozen=True)
-class Place:
+class MapPlace:
     """Where a picture of the map lies in the world.
 
     Attributes:
@@ -82,14 +82,14 @@ class GrowingMap:
         self.count += 1
         return True
 
-    def encoded(self) -> tuple[bytes, Place] | None:
+    def encoded(self) -> tuple[bytes, MapPlace] | None:
         """The map as WebP, transparent where no image shows the ground, and its place; None without an image."""
         if self.count == 0:
             return None
         rows, columns = self._away_m2.shape
         _, data = cv2.imencode(".webp", self._colours, [cv2.IMWRITE_WEBP_QUALITY, WEBP_QUALITY])
         scale = self._m_per_px
-        return data.tobytes(), Place(-scale * self._row0, scale * self._column0, scale * rows, scale * columns)
+        return data.tobytes(), MapPlace(-scale * self._row0, scale * self._column0, scale * rows, scale * columns)
 
     def _ground_m(self, image: Image, tilt_cos: float) -> float:
         """Down coordinate of the ground; that of the world's origin until the altimeter has measured it."""

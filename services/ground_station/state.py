@@ -184,7 +184,7 @@ def _flight_end_words(status: Status) -> str:
     return f"{CONTROL_LOSSES[status.in_charge]}: {reason.removeprefix('failsafe: ').removeprefix('taken over: ')}"
 
 
-class VehicleState:
+class ShownState:
     """The newest message of each topic, and what follows from the earlier ones.
 
     Attributes:

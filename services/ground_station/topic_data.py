@@ -152,7 +152,7 @@ def _field(topic: str, path: tuple[str | int, ...]) -> PlotField:
     return PlotField(topic, path, ".".join(names), unit)
 
 
-class Series:
+class PlotSeries:
     """The values of one field during the last minute. It is bounded, whatever the rate."""
 
     def __init__(self, field: PlotField) -> None:

@@ -2,7 +2,7 @@
 
 Each connection must bring its requests in time, and nobody can hold so many that others get none: uvicorn itself waits
 without an end for a request's headers and body, and for a TLS handshake. A request then passes `OwnPagesOnly`,
-`WholeBodies`, `Places` and `PageTurns`, in this order.
+`WholeBodies`, `RequestPlaces` and `PageTurns`, in this order.
 """
 
 import asyncio
@@ -281,7 +281,7 @@ class WholeBodies:
         await self._inner(scope, receive_whole, send)
 
 
-class Places:
+class RequestPlaces:
     """Bounds the requests that are served at the same time, for all and for each address.
 
     Requests to log in have places of their own, and so have those of people who have logged in, also at an address that
@@ -325,7 +325,7 @@ class PageTurns:
     requests, and the pages that are open, would wait for all new pages whenever several are loaded.
 
     Args:
-        has_login: as in `Places`.
+        has_login: as in `RequestPlaces`.
     """
 
     def __init__(self, inner: Inner, has_login: Callable[[Any], bool]) -> None:

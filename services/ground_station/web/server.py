@@ -25,17 +25,15 @@ from jezero.services.ground_station.web.connections import (
     Inner,
     OwnPagesOnly,
     PageTurns,
-    Places,
+    RequestPlaces,
     WebSocket,
     WholeBodies,
 )
+from jezero.services.ground_station.web.data_panel import TopicWatch
 from jezero.services.ground_station.web.feed import Feed
 from jezero.services.ground_station.web.login import Access, session_of
 from jezero.services.ground_station.web.page import Page
-from jezero.services.ground_station.web.playback_feed import PlaybackFeed
-from jezero.services.ground_station.web.recording_pages import RecordingPages
-from jezero.services.ground_station.web.recordings import Recordings
-from jezero.services.ground_station.web.topic_watch import TopicWatch
+from jezero.services.ground_station.web.recordings import PlaybackFeed, RecordingPages, Recordings
 from jezero.vehicle_config import VehicleConfig
 
 STOP_TIMEOUT_S = 1.0
@@ -105,7 +103,7 @@ class PageServer:
         connections = Connections()
         # A request passes the guards from the outermost to the site; a place is taken when its body has arrived.
         guarded: Inner = PageTurns(site, access.has_login)
-        guarded = Places(guarded, connections, access.has_login)
+        guarded = RequestPlaces(guarded, connections, access.has_login)
         guarded = access.with_sessions(WholeBodies(guarded))
         guarded = OwnPagesOnly(guarded, listening.serves)
         self._server = BoundedServer(_server_settings(guarded, listening), self._socket, connections)

@@ -10,14 +10,14 @@ from jezero.schemas.topics import ACTIONS, AREA_COVERAGE, GET_IMAGES, GO_TO, TAK
 from jezero.services.ground_station.goal_form import (
     CONFIRMATION_TIMEOUT_S,
     Confirmation,
-    Field,
+    FormField,
     form_of,
     goal_from,
     named_field,
 )
 
 
-def fields_of(name: str) -> dict[str, Field]:
+def fields_of(name: str) -> dict[str, FormField]:
     return {field.name: field for field in form_of(ACTIONS[name].description.goal)[1]}
 
 

@@ -11,7 +11,7 @@ from jezero.services.ground_station.topic_data import (
     PLOT_SPAN_S,
     SERIES_VALUES_MAX,
     LinkTable,
-    Series,
+    PlotSeries,
     fields_of,
     plottable_topics,
 )
@@ -87,7 +87,7 @@ def test_what_is_absent_has_no_value(fields: dict[str, None]) -> None:
 
 def test_a_series_leaves_out_what_is_absent_or_not_finite_and_gives_only_what_is_new() -> None:
     (field,) = fields_of(topics.ALTIMETER)
-    series = Series(field)
+    series = PlotSeries(field)
     for t_s, range_m in ((1.0, 4.0), (2.0, None), (3.0, nan), (4.0, 5.0)):
         series.on_message(t_s, Altimeter(t_ns=0, range_m=range_m))
     assert series.since(0.0) == [(1.0, 4.0), (4.0, 5.0)]
@@ -97,7 +97,7 @@ def test_a_series_leaves_out_what_is_absent_or_not_finite_and_gives_only_what_is
 
 def test_a_series_is_bounded_at_any_rate_and_holds_the_last_minute() -> None:
     (field,) = fields_of(topics.ALTIMETER)
-    series = Series(field)
+    series = PlotSeries(field)
     for number in range(100 * 100):  # 100 Hz for 100 s
         series.on_message(0.01 * number, Altimeter(t_ns=0, range_m=1.0))
     values = series.since(0.0)
