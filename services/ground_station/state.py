@@ -120,7 +120,7 @@ class EventLog:
             self.add(t_s, "warning", "The vehicle was restarted")
         if last.armed != status.armed:
             self.add(t_s, "plain", "Motors on" if status.armed else "Motors off")
-        if last.in_charge != status.in_charge and status.in_charge in ("external", "failsafe"):
+        if last.in_charge != status.in_charge and status.in_charge in CONTROL_LOSSES:
             self.add(t_s, "bad", f"In charge now: {in_charge(status)}")
         if last_words != state.words:
             self.add(t_s, "good" if state.tone in ("good", "flying") else "plain", state.words)

@@ -325,7 +325,7 @@ class Form:
             problems[next(field.name for field in self.fields if field.kind == "area")] = NO_HOLES
         if self.draws_area and self._origin_m is None:
             problems["frame"] = NO_ROVER
-        self._tell("", problems)
+        self._show_refusal("", problems)
         if problems:
             return None
         if (
@@ -337,7 +337,7 @@ class Form:
             goal["origin_deg"] = list(area.origin_deg)
         return goal
 
-    def _tell(self, reason: str, problems: Mapping[str, str] | None = None) -> None:
+    def _show_refusal(self, reason: str, problems: Mapping[str, str] | None = None) -> None:
         """Show a refusal at the field that it is about, and what is wrong with fields."""
         at = named_field(reason, [field for field in self.fields if field.name in self._problems])
         shown = {at: reason} if at else dict(problems or {})
@@ -367,7 +367,7 @@ class Form:
             self._show_items({"plan": "planning …"})
             found = await self._commands.plan(self.action, goal)
             if self._planned is goal:
-                self._tell(found if isinstance(found, str) else found.reason)
+                self._show_refusal(found if isinstance(found, str) else found.reason)
                 self._show_plan(None if isinstance(found, str) else found)
                 if self.plan is not None and self._is_asked:
                     self._ask(Confirmation(goal, self._planned_typed, self.plan, time.monotonic()))
@@ -417,7 +417,7 @@ class Form:
         self._ask(None)
         if plan.coverage is not None:
             goal["plan_id"] = plan.coverage.plan_id
-        self._tell(await self._commands.send(self.action, goal))
+        self._show_refusal(await self._commands.send(self.action, goal))
         if plan.coverage is None:  # the way that is flown is drawn from now on
             self._show_plan(None)
 
@@ -596,7 +596,7 @@ class FlyPanel:
         if self._open.in_rover_frame:
             rover_m = self._feed.state.rover_ned_m
             if rover_m is None:
-                show_toast("warning", "The rover's position is not known: choose the frame world, or type the point")
+                show_toast("warning", f"{NO_ROVER}, or type the point")
                 return
             north_m, east_m = round(north_m - rover_m[0], 2), round(east_m - rover_m[1], 2)
         self._open.set_point(north_m, east_m)
