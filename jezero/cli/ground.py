@@ -67,8 +67,7 @@ def _settings(given: dict[str, Any]) -> "GroundStationConfig":
 def _set_password(config: "GroundStationConfig") -> None:
     """Ask for a password, or read it from the first line of standard input, and write its hash."""
     with _ground_extra():
-        from jezero.services.ground_station.listening import password_file
-        from jezero.services.ground_station.password import write_password
+        from jezero.services.ground_station.access import password_file, write_password
 
     if sys.stdin.isatty():
         password = click.prompt("Password", hide_input=True, confirmation_prompt=True)
@@ -86,7 +85,7 @@ def _serve(config: "GroundStationConfig", vehicle: str, router: str, recording: 
     from jezero.vehicle_config import VehicleConfig
 
     with _ground_extra():
-        from jezero.services.ground_station.listening import listening_of
+        from jezero.services.ground_station.access import listening_of
         from jezero.services.ground_station.web.server import PageServer
     live = router if recording is None else None
     place = _run_folder(vehicle) if recording is None else _checked(recording)

@@ -9,8 +9,8 @@ from jezero.runtime.config import Instance, load_config
 from jezero.runtime.links import SocketLink
 from jezero.runtime.process import run_process
 from jezero.runtime.service import Service
+from jezero.services.ground_station.access import listening_of
 from jezero.services.ground_station.config import GroundStationConfig
-from jezero.services.ground_station.listening import listening_of
 from jezero.services.ground_station.service import GroundStation
 from jezero.vehicle_config import VehicleConfig
 

@@ -1,12 +1,16 @@
-"""Forms for goals, from the JSON Schema that an action publishes: fields with units, ranges and defaults."""
+"""Forms for goals, from the JSON Schema that an action publishes: fields with units, ranges and defaults.
+
+A goal takes two clicks: the first one plans it, the second one confirms what it would take.
+"""
 
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import degrees, isfinite, radians
+from math import ceil, degrees, isfinite, radians
 from typing import Any, Literal
 
-from jezero.services.ground_station.words import DEGREES, UNITS, in_words, label_of
+from jezero.schemas.actions import PlanReply
+from jezero.services.ground_station.words import DEGREES, UNITS, duration, in_words, label_of
 
 Kind = Literal["number", "integer", "switch", "choice", "choices", "vector", "area", "areas"]
 LEFT_OUT = frozenset(
@@ -27,12 +31,14 @@ AREA_WORDS: Mapping[str, tuple[str, ...]] = {
     "areas": ("hole", "holes"),
 }
 """Words of refusals that are about an area."""
+CONFIRMATION_TIMEOUT_S = 60.0
+"""A plan that is older may not hold any more: the vehicle has moved, and its battery is emptier."""
 _IS_UP = re.compile(r"[;,] (?:a )?negative (?:z )?is up")
 _ENTRY = re.compile(r"^ +(\w+): (.*(?:\n {9,}.*)*)", re.MULTILINE)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Field:
+class FormField:
     """One field of a form.
 
     Attributes:
@@ -82,7 +88,7 @@ class Field:
         return "" if self.maximum is None else f"to {self.maximum:g}"
 
 
-def form_of(schema: Mapping[str, Any]) -> tuple[str, list[Field]]:
+def form_of(schema: Mapping[str, Any]) -> tuple[str, list[FormField]]:
     """What a goal does in one sentence, and the fields of its form.
 
     Args:
@@ -118,18 +124,21 @@ def _resolved(part: Mapping[str, Any], schema: Mapping[str, Any]) -> Mapping[str
     return part
 
 
-def _field(name: str, part: Mapping[str, Any], schema: Mapping[str, Any], required: bool, meaning: str) -> Field | None:
+def _field(
+    name: str, part: Mapping[str, Any], schema: Mapping[str, Any], required: bool, meaning: str
+) -> FormField | None:
     kind_schema = _resolved(part, schema)
-    label, unit = _label_and_unit(name)
+    words = name.split("_")
+    unit = UNITS.get(words[-1], "") if len(words) > 1 else ""
     common: dict[str, Any] = {
-        "name": name, "label": label, "required": required, "default": part.get("default"), "help": meaning,
+        "name": name, "label": label_of(name), "required": required, "default": part.get("default"), "help": meaning,
     }  # fmt: skip
     items = _resolved(kind_schema.get("items") or {}, schema)
     if choices := tuple(str(choice) for choice in kind_schema.get("enum") or items.get("enum") or ()):
-        return Field(**common, unit="", kind="choice" if "enum" in kind_schema else "choices", choices=choices)
+        return FormField(**common, unit="", kind="choice" if "enum" in kind_schema else "choices", choices=choices)
     match kind_schema.get("type"):
         case "boolean":
-            return Field(**common, unit="", kind="switch")
+            return FormField(**common, unit="", kind="switch")
         case "number" | "integer" as kind:
             low, high = (_bound(kind_schema.get(bound), unit, name) for bound in ("minimum", "maximum"))
             if name.endswith(Z_NAMES):  # bounds of a z don't bound the height above the start
@@ -137,12 +146,12 @@ def _field(name: str, part: Mapping[str, Any], schema: Mapping[str, Any], requir
                 common["default"] = None if common["default"] is None else 0.0 - common["default"]
             if common["default"] is not None and name.endswith("_rad"):
                 common["default"] = degrees(common["default"])
-            return Field(**common, unit=unit, kind=kind, minimum=low, maximum=high)
+            return FormField(**common, unit=unit, kind=kind, minimum=low, maximum=high)
         case "array" if "prefixItems" in kind_schema:
             axes = AXES[: len(kind_schema["prefixItems"])]
-            return Field(**common, unit=unit, kind="vector", axes=axes)
+            return FormField(**common, unit=unit, kind="vector", axes=axes)
         case "array":
-            return Field(**common, unit=unit, kind="area" if "prefixItems" in items else "areas")
+            return FormField(**common, unit=unit, kind="area" if "prefixItems" in items else "areas")
     return None
 
 
@@ -152,13 +161,8 @@ def _bound(bound: float | None, unit: str, name: str) -> float | None:
     return float(round(degrees(bound))) if unit == DEGREES and name.endswith("_rad") else bound
 
 
-def _label_and_unit(name: str) -> tuple[str, str]:
-    words = name.split("_")
-    return label_of(name), UNITS.get(words[-1], "") if len(words) > 1 else ""
-
-
 def goal_from(
-    fields: Sequence[Field], values: Mapping[str, Any], start_z_ned_m: float = 0.0
+    fields: Sequence[FormField], values: Mapping[str, Any], start_z_ned_m: float = 0.0
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """The goal's fields from what was typed, and a sentence for each field that is wrong.
 
@@ -181,7 +185,7 @@ def goal_from(
     return goal, problems
 
 
-def _ned(field: Field, value: Any, start_z_ned_m: float) -> Any:
+def _ned(field: FormField, value: Any, start_z_ned_m: float) -> Any:
     """A value with z where its height was typed."""
     if not field.has_height:
         return value
@@ -190,18 +194,18 @@ def _ned(field: Field, value: Any, start_z_ned_m: float) -> Any:
     return round(start_z_ned_m - value, 3)
 
 
-def _has_number(field: Field) -> bool:
+def _has_number(field: FormField) -> bool:
     """Whether a field that is left out stands for a number: emptied by a person, it must not fly with that."""
     return field.kind in ("number", "integer") and field.default is not None
 
 
-def _missing(field: Field) -> str:
+def _missing(field: FormField) -> str:
     if field.kind == "area":
         return "Draw the area on the map: click its corners"
     return f"{field.label} is needed"
 
 
-def _value(field: Field, typed: Any) -> Any:
+def _value(field: FormField, typed: Any) -> Any:
     """The value of a field; None for an empty one.
 
     Raises:
@@ -225,7 +229,7 @@ def _value(field: Field, typed: Any) -> Any:
     return int(number) if field.kind == "integer" else number
 
 
-def _vector(field: Field, parts: list[Any]) -> list[float] | None:
+def _vector(field: FormField, parts: list[Any]) -> list[float] | None:
     if all(part in (None, "") for part in parts):
         return None
     if any(part in (None, "") for part in parts):
@@ -233,7 +237,7 @@ def _vector(field: Field, parts: list[Any]) -> list[float] | None:
     return [_number(field, part) for part in parts]
 
 
-def _number(field: Field, typed: Any) -> float:
+def _number(field: FormField, typed: Any) -> float:
     try:
         number = float(typed)
     except (TypeError, ValueError):
@@ -245,7 +249,7 @@ def _number(field: Field, typed: Any) -> float:
     return number
 
 
-def named_field(reason: str, fields: Sequence[Field]) -> str:
+def named_field(reason: str, fields: Sequence[FormField]) -> str:
     """Name of the field that a refusal is about; "" when it names none.
 
     A refusal names a field as the decoder does (`$.altitude_m`), by its name, or by its label in words: "speed 20 m/s
@@ -258,3 +262,46 @@ def named_field(reason: str, fields: Sequence[Field]) -> str:
             if match is not None:
                 found.append((match.start(), -len(word), field.name))
     return min(found)[2] if found else ""
+
+
+@dataclass(frozen=True)
+class Confirmation:
+    """A goal that was planned and waits for the second click.
+
+    Attributes:
+        goal: its fields, as they were planned.
+        typed: what was typed for it. The goal can't be compared: its z follows the estimate of the start's height.
+        plan: its plan.
+        t_s: time of the plan, on the clock that the caller uses.
+    """
+
+    goal: Mapping[str, Any]
+    typed: Mapping[str, Any]
+    plan: PlanReply
+    t_s: float
+
+    def holds_for(self, typed: Mapping[str, Any], now_s: float) -> bool:
+        """Whether the second click may fly the plan of what the form has now."""
+        return typed == self.typed and not self.is_old(now_s)
+
+    def is_old(self, now_s: float) -> bool:
+        """Whether it is too late for the second click."""
+        return now_s - self.t_s > CONFIRMATION_TIMEOUT_S
+
+    def words(self, start_z_ned_m: float) -> str:
+        """What the goal would take, e.g. "Confirm: 34 s, 41 m, 5 % of the battery, up to 6 m".
+
+        Args:
+            start_z_ned_m: z of the place from which heights are counted.
+        """
+        plan, parts = self.plan, []
+        if plan.duration_s is not None:
+            parts.append(duration(plan.duration_s))
+        if plan.distance_m is not None:
+            parts.append(f"{plan.distance_m:.0f} m")
+        if plan.battery_used is not None:
+            parts.append(f"{ceil(round(100.0 * plan.battery_used, 3))} % of the battery")
+        if plan.path_ned_m:
+            height_max_m = start_z_ned_m - min(point[2] for point in plan.path_ned_m)
+            parts.append(f"up to {round(height_max_m, 1):g} m")
+        return f"Confirm: {', '.join(parts)}" if parts else "Confirm"

@@ -16,7 +16,6 @@ from jezero.frames import quat_rotate
 from jezero.schemas.images import Image
 
 Pixels = NDArray[np.uint8]
-Array = NDArray[np.float64]
 PIXELS_MAX = 1_500_000
 """A map with more pixels is reduced to half its resolution, as often as needed."""
 COARSER = 1.5
@@ -31,7 +30,7 @@ WEBP_QUALITY = 70
 
 
 @dataclass(frozen=True)
-class Place:
+class MapPlace:
     """Where a picture of the map lies in the world.
 
     Attributes:
@@ -82,14 +81,14 @@ class GrowingMap:
         self.count += 1
         return True
 
-    def encoded(self) -> tuple[bytes, Place] | None:
+    def encoded(self) -> tuple[bytes, MapPlace] | None:
         """The map as WebP, transparent where no image shows the ground, and its place; None without an image."""
         if self.count == 0:
             return None
         rows, columns = self._away_m2.shape
         _, data = cv2.imencode(".webp", self._colours, [cv2.IMWRITE_WEBP_QUALITY, WEBP_QUALITY])
         scale = self._m_per_px
-        return data.tobytes(), Place(-scale * self._row0, scale * self._column0, scale * rows, scale * columns)
+        return data.tobytes(), MapPlace(-scale * self._row0, scale * self._column0, scale * rows, scale * columns)
 
     def _ground_m(self, image: Image, tilt_cos: float) -> float:
         """Down coordinate of the ground; that of the world's origin until the altimeter has measured it."""
@@ -97,12 +96,9 @@ class GrowingMap:
             self._grounds_m = [*self._grounds_m, image.pos_camera_ned_m[2] + image.range_m * tilt_cos][-GROUND_KEPT:]
         return median(self._grounds_m) if self._grounds_m else 0.0
 
-    def _make_room(self, image: Image, to_image: Array) -> None:
+    def _make_room(self, image: Image, to_image: NDArray[np.float64]) -> None:
         """Enlarge the map so that it contains an image; a map that becomes too large gets coarser."""
-        width_px, height_px = image.width_px, image.height_px
-        corners = np.array([(0, 0, 1), (width_px, 0, 1), (width_px, height_px, 1), (0, height_px, 1)], float).T
-        ground = np.linalg.solve(to_image, corners)
-        north_m, east_m = ground[0] / ground[2], ground[1] / ground[2]
+        north_m, east_m = _corners_on_ground(image, to_image)
         while True:
             rows, columns = -north_m / self._m_per_px, east_m / self._m_per_px
             top, bottom = _stretched(self._row0, self._away_m2.shape[0], rows)
@@ -133,13 +129,11 @@ class GrowingMap:
         if rows:
             self._colours, self._away_m2 = colours[::2, ::2].copy(), away_m2[::2, ::2].copy()
 
-    def _paint(self, image: Image, pixels: Pixels, to_image: Array) -> None:
+    def _paint(self, image: Image, pixels: Pixels, to_image: NDArray[np.float64]) -> None:
         """Show an image in all pixels of the map to which its camera is the nearest so far."""
-        width_px, height_px = image.width_px, image.height_px
-        corners = np.array([(0, 0, 1), (width_px, 0, 1), (width_px, height_px, 1), (0, height_px, 1)], float).T
-        ground = np.linalg.solve(to_image, corners)
-        rows = -ground[0] / ground[2] / self._m_per_px - self._row0
-        columns = ground[1] / ground[2] / self._m_per_px - self._column0
+        corners_north_m, corners_east_m = _corners_on_ground(image, to_image)
+        rows = -corners_north_m / self._m_per_px - self._row0
+        columns = corners_east_m / self._m_per_px - self._column0
         top, left = max(floor(rows.min()), 0), max(floor(columns.min()), 0)
         bottom, right = ceil(rows.max()) + 1, ceil(columns.max()) + 1
         part = (slice(top, bottom), slice(left, right))
@@ -168,27 +162,37 @@ class GrowingMap:
         away_m2[better] = own_m2[better]
 
 
-def _stretched(first: int, size: int, places: Array) -> tuple[int, int]:
+def _stretched(first: int, size: int, places: NDArray[np.float64]) -> tuple[int, int]:
     """First and last row of a map that also contains some places, in steps."""
     low, high = floor(places.min() / STEP_PX) * STEP_PX, (floor(places.max() / STEP_PX) + 1) * STEP_PX
     return (min(first, low), max(first + size, high)) if size else (low, high)
 
 
-def _image_from_ground(image: Image, rotation: Array, ground_m: float) -> Array:
+def _corners_on_ground(image: Image, to_image: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """North and east of an image's four corners."""
+    width_px, height_px = image.width_px, image.height_px
+    corners = np.array([(0, 0, 1), (width_px, 0, 1), (width_px, height_px, 1), (0, height_px, 1)], float).T
+    ground = np.linalg.solve(to_image, corners)
+    return ground[0] / ground[2], ground[1] / ground[2]
+
+
+def _image_from_ground(image: Image, rotation: NDArray[np.float64], ground_m: float) -> NDArray[np.float64]:
     """(3, 3) homography from north, east and 1 on level ground to pixels of an image without distortion."""
-    (cx, cy), f = image.center_px, image.focal_px
-    pinhole = np.array(((f, 0.0, cx), (0.0, f, cy), (0.0, 0.0, 1.0)))
     north_m, east_m, down_m = image.pos_camera_ned_m
     from_camera = np.array(((1.0, 0.0, -north_m), (0.0, 1.0, -east_m), (0.0, 0.0, ground_m - down_m)))
-    return np.asarray(pinhole @ rotation.T @ from_camera)
+    return np.asarray(_pinhole(image) @ rotation.T @ from_camera)
+
+
+def _pinhole(image: Image) -> NDArray[np.float64]:
+    """(3, 3) camera matrix."""
+    (cx, cy), f = image.center_px, image.focal_px
+    return np.array(((f, 0.0, cx), (0.0, f, cy), (0.0, 0.0, 1.0)))
 
 
 def _without_distortion(image: Image, pixels: bytes) -> Pixels:
     """(height, width, 4) blue, green, red and opacity of an image."""
     picture = np.frombuffer(pixels, np.uint8).reshape(image.height_px, image.width_px, 3)
-    (cx, cy), f = image.center_px, image.focal_px
     opaque = cv2.cvtColor(picture, cv2.COLOR_RGB2BGRA)
     if any(image.distortion):
-        pinhole = np.array(((f, 0.0, cx), (0.0, f, cy), (0.0, 0.0, 1.0)))
-        opaque = cv2.undistort(opaque, pinhole, np.array(image.distortion))
+        opaque = cv2.undistort(opaque, _pinhole(image), np.array(image.distortion))
     return np.asarray(opaque, np.uint8)

@@ -22,8 +22,7 @@ from jezero.recording.mcap_file import McapFile, RawMessage
 from jezero.schemas import topics
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.units import NS_PER_S
-from jezero.services.ground_station.events import Event
-from jezero.services.ground_station.state import SHOWN, VehicleState
+from jezero.services.ground_station.state import SHOWN, Event, ShownState
 
 KEYFRAME_PERIOD_S = 5.0
 PICTURE_AGE_MAX_S = 2.0
@@ -44,7 +43,7 @@ class Keyframe:
 
     t_s: float
     chunk_offset: int
-    state: VehicleState
+    state: ShownState
 
 
 @dataclass
@@ -80,7 +79,7 @@ class RecordedFlight:
         Raises:
             RecordingError: the file is no recording, or can't be read.
         """
-        state, size_bytes = VehicleState(), max(self.path.stat().st_size, 1)
+        state, size_bytes = ShownState(), max(self.path.stat().st_size, 1)
         chunk_offset = -1
         for timed in self.messages(0):
             if self._file.chunk_offset != chunk_offset:
@@ -106,7 +105,7 @@ class RecordedFlight:
                 self._start_ns = raw.logged_ns
             yield TimedMessage((raw.logged_ns - self._start_ns) / NS_PER_S, raw)
 
-    def update(self, state: VehicleState, timed: "TimedMessage") -> None:
+    def update(self, state: ShownState, timed: "TimedMessage") -> None:
         """Take a message into a state, if the pages show its topic."""
         topic = topic_of(timed.raw.topic)
         if topic is None:
@@ -134,7 +133,7 @@ class TimedMessage(NamedTuple):
     raw: RawMessage
 
 
-class Picture(NamedTuple):
+class RecordedPicture(NamedTuple):
     """A picture of the camera as it was recorded.
 
     Attributes:
@@ -166,8 +165,8 @@ class Playback:
     def __init__(self, flight: RecordedFlight) -> None:
         self._flight = flight
         self.t_s = 0.0
-        self.state = VehicleState()
-        self.picture: Picture | None = None
+        self.state = ShownState()
+        self.picture: RecordedPicture | None = None
         self._begin(0.0)
         self.move_to(0.0)
 
@@ -177,7 +176,7 @@ class Playback:
         self._messages = self._flight.messages(keyframe.chunk_offset)
         self._next = next(self._messages, None)
         self._state = deepcopy(keyframe.state)
-        self._picture: Picture | None = None
+        self._picture: RecordedPicture | None = None
         self._reached_s = keyframe.t_s
 
     def move_to(self, t_s: float) -> None:
@@ -191,7 +190,7 @@ class Playback:
             self._begin(t_s)
         while self._next is not None and self._next.t_s <= t_s:
             if self._next.raw.topic == topics.CAMERA.name:
-                self._picture = Picture(self._next.t_s, self._next.raw.data)
+                self._picture = RecordedPicture(self._next.t_s, self._next.raw.data)
             else:
                 self._flight.update(self._state, self._next)
             self._next = next(self._messages, None)

@@ -1,11 +1,13 @@
-"""What the pages show of one vehicle: its newest messages, each with its age.
+"""What the pages show of one vehicle: its newest messages, each with its age, and what happened before.
 
 Times are seconds of a monotonic wall clock that the caller reads. Ages are ages of arrival, so they grow when a link is
 lost, also when vehicle time stands still.
 """
 
+from collections import deque
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from math import inf, isfinite
 from typing import Any
 
@@ -19,29 +21,33 @@ from jezero.schemas.fence import FenceState
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.preflight import PreflightReport
 from jezero.schemas.rows import Topic
-from jezero.schemas.state import Status
+from jezero.schemas.state import InCharge, Status, StatusCode
 from jezero.schemas.struct import Message
-from jezero.services.ground_station.events import EventLog
-from jezero.services.ground_station.flight_end import FlightEndDetector
 from jezero.services.ground_station.goals import Goals
-from jezero.services.ground_station.landing import landing_view
-from jezero.services.ground_station.readings import (
+from jezero.services.ground_station.views import (
     LATE_S,
     Reading,
+    altimeter_range,
+    camera_attitude,
     flight_readings,
     gnss_readings,
     ground_reading,
-    rover_readings,
-)
-from jezero.services.ground_station.scene import (
-    altimeter_range,
-    camera_attitude,
+    landing_view,
     relative_ellipsoid,
     rounded,
     rover_pose,
+    rover_readings,
     vehicle_pose,
 )
-from jezero.services.ground_station.words import duration, in_charge, in_words, state_words, wind_words
+from jezero.services.ground_station.words import (
+    StateWords,
+    Tone,
+    duration,
+    in_charge,
+    in_words,
+    state_words,
+    wind_words,
+)
 
 WATCHED = (
     topics.ALTIMETER, topics.GNSS, topics.RELATIVE, topics.ROVER_ESTIMATE, topics.CAMERA_PITCH, topics.FENCE,
@@ -56,9 +62,129 @@ HEALTH_LATE_S = 3.0
 """A service publishes its health once a second."""
 PREFLIGHT_AGE_MAX_S = 30.0
 """A vehicle that stands is checked every ten seconds."""
+EVENTS_KEPT = 60
+CONTROL_LOSSES: dict[InCharge, str] = {"external": "Taken over by an external pilot", "failsafe": "Ended by a failsafe"}
 
 
-class VehicleState:
+@dataclass(frozen=True)
+class Event:
+    """One event.
+
+    Attributes:
+        t_s: time of its arrival, on the caller's clock.
+        tone: how it is marked.
+        text: a sentence.
+    """
+
+    t_s: float
+    tone: Tone
+    text: str
+
+
+class EventLog:
+    """Collects the events of one vehicle.
+
+    Attributes:
+        count: number of events so far, also of those that are not kept any more.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._events: deque[Event] = deque(maxlen=EVENTS_KEPT)
+        self._status: Status | None = None
+        self._words = ""
+        self._health: dict[str, ServiceHealth] = {}
+
+    @property
+    def newest_first(self) -> Sequence[Event]:
+        """The events, the newest one first."""
+        return tuple(reversed(self._events))
+
+    def add(self, t_s: float, tone: Tone, text: str) -> None:
+        """Add an event, unless it repeats the last one."""
+        text = in_words(text)
+        if text and (not self._events or self._events[-1].text != text):
+            self._events.append(Event(t_s, tone, text))
+            self.count += 1
+
+    def on_status(self, t_s: float, status: Status, state: StateWords) -> None:
+        """Compare a status, and the state that it means, with those before."""
+        last, self._status = self._status, status
+        last_words, self._words = self._words, state.words
+        if last is None:
+            self.add(t_s, "plain", f"Connected: {state.words}")
+            return
+        if last.bridge_boot_id != status.bridge_boot_id:
+            self.add(t_s, "warning", "The vehicle bridge was restarted")
+        if last.epoch_id != status.epoch_id:
+            self.add(t_s, "warning", "The vehicle was restarted")
+        if last.armed != status.armed:
+            self.add(t_s, "plain", "Motors on" if status.armed else "Motors off")
+        if last.in_charge != status.in_charge and status.in_charge in CONTROL_LOSSES:
+            self.add(t_s, "bad", f"In charge now: {in_charge(status)}")
+        if last_words != state.words:
+            self.add(t_s, "good" if state.tone in ("good", "flying") else "plain", state.words)
+        if last.text != status.text:
+            self.add(t_s, "plain", status.text)
+
+    def on_health(self, t_s: float, health: ServiceHealth) -> None:
+        """Compare the health of a service with the one before."""
+        last, self._health[health.service] = self._health.get(health.service), health
+        name = health.service.replace("_", " ")
+        if last is not None and last.boot_id != health.boot_id:
+            self.add(t_s, "warning", f"{name} was restarted")
+        elif last is not None and last.state != health.state:
+            tone: Tone = "good" if health.state == "ok" else "warning"
+            self.add(t_s, tone, f"{name} is {health.state}: {health.text}")
+
+
+@dataclass(frozen=True)
+class FlightEnd:
+    """A loss of control by the bridge: motors cut, a crash, a failsafe or a takeover.
+
+    Attributes:
+        t_s: time at which it arrived, on the caller's clock.
+        words: what happened, with the bridge's reason.
+    """
+
+    t_s: float
+    words: str
+
+
+class FlightEndDetector:
+    """Detects from the status that the bridge lost control of the vehicle.
+
+    Attributes:
+        newest: the newest loss that nobody has taken note of, and from which control was not taken back; None without
+            one.
+    """
+
+    def __init__(self) -> None:
+        self.newest: FlightEnd | None = None
+        self._last: Status | None = None
+
+    def update(self, now_s: float, status: Status) -> None:
+        """Compare a status with the one before."""
+        last, self._last = self._last, status
+        was_lost = last is not None and last.in_charge in CONTROL_LOSSES
+        if status.in_charge in CONTROL_LOSSES and (last is None or last.in_charge != status.in_charge):
+            self.newest = FlightEnd(now_s, _flight_end_words(status))
+        elif was_lost and status.code == StatusCode.HOVER:  # a person has taken control back
+            self.newest = None
+
+    def take_note(self) -> None:
+        """Forget the newest loss: a person has seen it."""
+        self.newest = None
+
+
+def _flight_end_words(status: Status) -> str:
+    reason = status.text
+    if reason.startswith("motors cut"):
+        return reason[0].upper() + reason[1:]
+    return f"{CONTROL_LOSSES[status.in_charge]}: {reason.removeprefix('failsafe: ').removeprefix('taken over: ')}"
+
+
+class ShownState:
     """The newest message of each topic, and what follows from the earlier ones.
 
     Attributes:

@@ -1,4 +1,4 @@
-"""The vehicle's state in words."""
+"""The stack's sentences, names and numbers in words for people, and the vehicle's state in words."""
 
 import re
 from collections.abc import Mapping
@@ -40,12 +40,11 @@ IN_CHARGE = {
     "external": "an external pilot: a person or another program",
     "failsafe": "a failsafe of the autopilot",
 }
-
-
 OTHERS: Mapping[InCharge, str] = {"external": "external pilot", "failsafe": "failsafe"}
 """Who flies while the bridge does not."""
 MODES = {"AUTO.LAND": "Landing", "AUTO.PRECLAND": "Landing", "AUTO.RTL": "Returning", "AUTO.LOITER": "Hovering"}
 """What the autopilot does by itself, by its mode."""
+COMPASS = ("N", "NNE", "NE", "ENE", "E", "ESE", "SE", "SSE", "S", "SSW", "SW", "WSW", "W", "WNW", "NW", "NNW")
 _NAME = re.compile(r"(?<![\w/.=-])\$?\.?[a-z][a-z0-9]*(?:_[a-z0-9]+)+(?![\w/=-]|\.\w)")
 _CLIENT = re.compile(r",? ?\b(?:goal )?py-[0-9a-f]{12}(?:-\d+)?")
 _MODE = re.compile(r"\b(?:mode )?(AUTO\.\w+|OFFBOARD|POSCTL|ALTCTL|STABILIZED|MANUAL|ACRO)\b")
@@ -104,7 +103,7 @@ def state_words(status: Status, preflight: PreflightReport | None) -> StateWords
         preflight: newest preflight report; None when there is none since the vehicle stands on the ground.
     """
     words = activity(status)
-    if status.in_charge in ("external", "failsafe"):
+    if status.in_charge in OTHERS:
         return StateWords(words, "bad", "")
     if status.code != StatusCode.IDLE:
         return StateWords(words, "flying" if status.ready else "warning", status.not_ready_reason)
@@ -126,9 +125,6 @@ def duration(seconds: float) -> str:
     """A duration, e.g. "3 s" or "2 min 5 s"; never with decimals, so that it changes once a second."""
     minutes, rest_s = divmod(int(max(seconds, 0.0)), 60)
     return f"{minutes} min {rest_s} s" if minutes else f"{rest_s} s"
-
-
-COMPASS = ("N", "NNE", "NE", "ENE", "E", "ESE", "SE", "SSE", "S", "SSW", "SW", "WSW", "W", "WNW", "NW", "NNW")
 
 
 def wind_words(wind_ned_mps: VelocityNed | None, std_gust_mps: float | None) -> str:

@@ -11,7 +11,7 @@ from jezero.cli import stack
 from jezero.cli.ground import ground
 from jezero.cli.main import main
 from jezero.cli.stack import GROUND_STATION, _read_services, _shipped_compose_file
-from jezero.services.ground_station.password import matches, read_password
+from jezero.services.ground_station.access import matches, read_password
 
 
 def test_a_stack_without_the_extra_starts_without_the_ground_station_and_says_so(

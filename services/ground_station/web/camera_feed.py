@@ -8,19 +8,34 @@ import asyncio
 import io
 import time
 from collections import deque
+from collections.abc import Iterable
 from contextlib import suppress
 from typing import Any
 
+import numpy as np
+
 from jezero.aio import JezeroError, TimedOut, Vehicle
 from jezero.camera_preview import FRAME_TIMEOUT_S
+from jezero.frames import (
+    Quat,
+    Vec3,
+    add,
+    q_frd_from_camera,
+    quat_conjugate,
+    quat_multiply,
+    quat_rotate,
+    rotate_yaw,
+    subtract,
+)
+from jezero.lens import distort
 from jezero.schemas import topics
 from jezero.schemas.estimate import Relative, TagEstimate
+from jezero.schemas.landing_board import BoardTag
 from jezero.schemas.rows import Topic
 from jezero.schemas.sensors import CameraFrame, CameraPreview
 from jezero.schemas.state import Odometry
 from jezero.schemas.units import NS_PER_S
-from jezero.services.ground_station.tag_marks import Pixel, tag_outlines
-from jezero.vehicle_config import VehicleConfig
+from jezero.vehicle_config import CameraMountConfig, VehicleConfig
 
 PICTURE_AGE_MAX_S = 2.0
 RETRY_S = 0.2
@@ -31,6 +46,8 @@ MARK_AGE_MAX_NS = NS_PER_S // 4
 """Detections of an image that is older than this are not drawn into another one."""
 ODOMETRY_KEPT = 32
 GREEN = (61, 220, 132)
+RANGE_MIN_M = 0.02
+Pixel = tuple[float, float]
 
 
 class CameraFeed:
@@ -173,3 +190,52 @@ def _marked(image: Any, outlines: list[list[Pixel]], width_px: int) -> bytes:
     compressed = io.BytesIO()
     image.save(compressed, "jpeg", quality=JPEG_QUALITY)
     return compressed.getvalue()
+
+
+def tag_outlines(
+    estimate: TagEstimate,
+    yaw_rover_rad: float,
+    q_ned_from_frd: Quat,
+    angles_rad: tuple[float, float],
+    camera: CameraMountConfig,
+    board: Iterable[BoardTag],
+) -> list[list[Pixel]]:
+    """Corners of each detected tag in the image, (x, y) in pixels.
+
+    Args:
+        estimate: the detector's pose, of the time of the image.
+        yaw_rover_rad: heading of the platform, which is taken as level.
+        q_ned_from_frd: attitude of the vehicle at the time of the image.
+        angles_rad: pitch and roll of the camera in the image.
+        camera: optics and mounting of the camera.
+        board: all tags of the platform.
+
+    Returns:
+        A list of four corners for each tag that is in front of the camera as a whole.
+    """
+    q_ned_from_camera = quat_multiply(q_ned_from_frd, q_frd_from_camera(*angles_rad, camera.turn_rad))
+    pos_camera_m = add(estimate.pos_uav_rel_rover_ned_m, quat_rotate(q_ned_from_frd, camera.pos_camera_frd_m))
+    outlines = []
+    for tag in board:
+        if tag.tag_id not in estimate.tag_ids:
+            continue
+        corners = [
+            _pixel(subtract(rotate_yaw(corner_m, yaw_rover_rad), pos_camera_m), q_ned_from_camera, camera)
+            for corner_m in tag.corners_rover_body_m
+        ]
+        seen = [corner for corner in corners if corner is not None]
+        if len(seen) == len(corners):
+            outlines.append(seen)
+    return outlines
+
+
+def _pixel(ray_ned_m: Vec3, q_ned_from_camera: Quat, camera: CameraMountConfig) -> Pixel | None:
+    """Pixel of a point relative to the camera; None for one behind it or outside what the lens shows."""
+    right_m, down_m, forward_m = quat_rotate(quat_conjugate(q_ned_from_camera), ray_ned_m)
+    if forward_m < RANGE_MIN_M:
+        return None
+    x, y = distort(np.array([right_m / forward_m, down_m / forward_m]), camera.distortion)
+    if not (np.isfinite(x) and np.isfinite(y)):
+        return None
+    center_x, center_y = camera.center_px
+    return float(center_x + camera.focal_px * x), float(center_y + camera.focal_px * y)

@@ -7,23 +7,39 @@ from typing import Any
 from jezero.aio import JezeroError, Refused, Vehicle, Wheel
 from jezero.schemas.actions import PlanReply
 from jezero.schemas.rows import Action
-from jezero.services.ground_station.web.pilot_link import PilotLink
-from jezero.services.ground_station.web.toast import show_toast
+from jezero.services.ground_station.web.elements import show_toast
+from jezero.services.ground_station.web.feed import Feed
+from jezero.services.ground_station.web.recordings import PlaybackFeed
 from jezero.services.ground_station.words import Tone
 
 
 class Commands:
-    """The commands of one page.
+    """The commands of one page. All of them reach the vehicle by `_uav`: there is none for a page that may not fly.
+
+    Args:
+        feed: the connection to the vehicle.
+        refusal: returns why the page may not fly now, "" if it may; called for each command.
 
     Attributes:
         sent: ids of the goals that were sent from this page.
     """
 
-    def __init__(self, feed: PilotLink) -> None:
+    def __init__(self, feed: Feed | PlaybackFeed, refusal: Callable[[], str]) -> None:
         self._feed = feed
+        self._refusal = refusal
         self.sent: set[str] = set()
         self._wheel = Wheel()
         self._drives = False
+
+    @property
+    def _uav(self) -> Vehicle | None:
+        """The vehicle; None for a page that may not fly, or without a connection."""
+        return None if self._refusal() else self._feed.uav
+
+    @property
+    def _problem(self) -> str:
+        """Why there is no vehicle."""
+        return self._refusal() or self._feed.problem
 
     async def hover(self) -> None:
         """Hover here, which ends the goal in charge."""
@@ -52,8 +68,8 @@ class Commands:
 
     async def take_note(self) -> None:
         """Take note of what ended the last flight, for all pages."""
-        if self._feed.refusal:
-            self._note("bad", f"Noted failed: {self._feed.refusal}")
+        if refusal := self._refusal():
+            self._note("bad", f"Noted failed: {refusal}")
         elif (end := self._feed.state.flight_end.newest) is not None:
             self._feed.state.flight_end.take_note()
             self._feed.state.events.add(time.monotonic(), "plain", f"Noted: {end.words}")
@@ -67,9 +83,9 @@ class Commands:
 
     async def send(self, action: Action[Any], fields: Mapping[str, Any]) -> str:
         """Send a goal; returns "" when it is accepted, else the reason of the refusal."""
-        uav = self._feed.uav
+        uav = self._uav
         if uav is None:
-            return self._feed.problem
+            return self._problem
         name = action.name.replace("_", " ")
         try:
             goal = await uav.send(action, **fields)
@@ -85,9 +101,9 @@ class Commands:
 
     async def plan(self, action: Action[Any], fields: Mapping[str, Any]) -> PlanReply | str:
         """The plan of a goal that is not flown; the reason when there is none."""
-        uav = self._feed.uav
+        uav = self._uav
         if uav is None:
-            return self._feed.problem
+            return self._problem
         try:
             return await uav.plan(action, **fields)
         except (JezeroError, ValueError) as error:
@@ -97,7 +113,7 @@ class Commands:
 
     async def steer(self, speed_mps: float, yaw_rate_rps: float) -> None:
         """Drive the rover until `release`, or until no other call comes within half a second."""
-        if self._feed.refusal:  # a log-in that has ended during a drive
+        if self._refusal():  # a log-in that has ended during a drive
             self._wheel.release()
             await self._request("Driving the rover", lambda uav: uav.rover.steer(self._wheel), "")
             return
@@ -118,10 +134,10 @@ class Commands:
         self._wheel.release()
 
     async def _request(self, name: str, request: Callable[[Vehicle], Awaitable[object]], done: str) -> None:
-        uav = self._feed.uav
+        uav = self._uav
         try:
             if uav is None:
-                raise Refused(self._feed.problem)
+                raise Refused(self._problem)
             await request(uav)
         except JezeroError as error:
             self._note("bad", f"{name} failed: {error}")
@@ -130,6 +146,6 @@ class Commands:
                 self._note("good", done)
 
     def _note(self, tone: Tone, text: str) -> None:
-        if not self._feed.refusal:  # who watches writes nothing into the list that all pages show
+        if not self._refusal():  # who watches writes nothing into the list that all pages show
             self._feed.state.events.add(time.monotonic(), tone, text)
         show_toast(tone, text)

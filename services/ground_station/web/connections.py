@@ -1,23 +1,28 @@
-"""The connections of the pages' server: each must bring its requests in time, and nobody can hold so many that others
-get none.
+"""What comes between the network and the pages: which connections and requests are served, and for how long.
 
-uvicorn itself waits without an end for a request's headers and body, and for a TLS handshake.
+Each connection must bring its requests in time, and nobody can hold so many that others get none: uvicorn itself waits
+without an end for a request's headers and body, and for a TLS handshake. A request then passes `OwnPagesOnly`,
+`WholeBodies`, `RequestPlaces` and `PageTurns`, in this order.
 """
 
 import asyncio
 import socket
 import time
 from collections import Counter
+from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
+from urllib.parse import urlsplit
+from weakref import WeakValueDictionary
 
 import uvicorn
+from fastapi import Response
 from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
-from websockets.http11 import Response
+from websockets import http11
 
-from jezero.services.ground_station.sessions import network_of
+from jezero.services.ground_station.access import network_of
 
 REQUEST_TIMEOUT_S = 10.0
 """Longest time from the start of a connection, or from its last reply, to the end of the next request's body."""
@@ -27,9 +32,43 @@ WAITING_MAX = 128
 """Connections whose next request is not there yet."""
 BACKLOG = 2048
 ACCEPT_RETRY_S = 0.1
+BODY_MAX_BYTES = 64_000
+"""Greatest size of a request's body, and of one message that a page sends."""
+TOO_LARGE = f"a request has at most {BODY_MAX_BYTES} bytes"
+PLACES = {"watching": (256, 64), "logging in": (32, 4), "logged in": (64, 64)}
+"""Requests and websockets that are served at the same time: of all, and of one address. A page that is loaded has up to
+seven, later two."""
+REST_FACTOR, REST_MAX_S = 8.0, 1.0
+"""The rest after a page, for the time that it took to build: its forms, made when it connects, take thrice as long."""
+CONTENT_SECURITY_POLICY = {
+    "default-src": "'self'",
+    # NiceGUI writes its start script and styles into the page; Vue compiles the components' templates in the browser.
+    "script-src": "'self' 'unsafe-inline' 'unsafe-eval'",
+    "style-src": "'self' 'unsafe-inline'",
+    "img-src": "'self' blob: data:",
+    "font-src": "'self' data:",
+    "object-src": "'none'",
+    "base-uri": "'none'",
+    "form-action": "'self'",
+    "frame-ancestors": "'none'",
+}
+RESPONSE_HEADERS = [
+    ("Content-Security-Policy", "; ".join(f"{name} {sources}" for name, sources in CONTENT_SECURITY_POLICY.items())),
+    ("X-Frame-Options", "DENY"),
+    # With `no-referrer`, browsers send forms with the origin "null", which `OwnPagesOnly` refuses.
+    ("Referrer-Policy", "same-origin"),
+    ("X-Content-Type-Options", "nosniff"),
+]
+"""Headers of every response: no other site may show a page in a frame, and no page may load from another host."""
 
 Peer = tuple[str, int]
 """Address and port of a client."""
+Receive = Callable[[], Awaitable[Any]]
+Send = Callable[[Any], Awaitable[None]]
+Inner = Callable[[Any, Receive, Send], Awaitable[None]]
+
+
+# -- connections --
 
 
 @dataclass
@@ -109,7 +148,7 @@ class WebSocket(WebSocketsSansIOProtocol):
         super().__init__(*args, **kwargs)
         send_response = self.conn.send_response
 
-        def send_with_headers(response: Response) -> None:
+        def send_with_headers(response: http11.Response) -> None:
             for name, value in self.default_headers:
                 if name.decode() not in response.headers:
                     response.headers[name.decode()] = value.decode()
@@ -175,3 +214,162 @@ class BoundedServer(uvicorn.Server):
             )
         except OSError:  # no TLS handshake
             accepted.close()
+
+
+# -- requests --
+
+
+class OwnPagesOnly:
+    """Refuses what another site's page sends: a browser would pass it on with the user's own address and log-in.
+
+    A page of another site names itself in `Origin`; one that has pointed its own name at this machine in `Host`.
+
+    Args:
+        serves: whether a `Host` names this machine.
+    """
+
+    def __init__(self, inner: Inner, serves: Callable[[str], bool]) -> None:
+        self._inner = inner
+        self._serves = serves
+
+    async def __call__(self, scope: Any, receive: Receive, send: Send) -> None:
+        if scope["type"] in ("http", "websocket"):
+            headers = {name: value.decode("latin-1") for name, value in scope["headers"]}
+            host, origin = headers.get(b"host", ""), headers.get(b"origin")
+            if not self._serves(host) or (origin is not None and not _is_same(origin, host)):
+                await _refuse(scope, receive, send, 403, "only this machine's own pages are served")
+                return
+        await self._inner(scope, receive, send)
+
+
+def _is_same(origin: str, host: str) -> bool:
+    return urlsplit(origin).netloc.lower() == host.lower()
+
+
+class WholeBodies:
+    """Reads a request's body before the request takes a place; refuses one that is larger than any of a page.
+
+    A client that does not send the body in time is disconnected by `Connections`.
+    """
+
+    def __init__(self, inner: Inner) -> None:
+        self._inner = inner
+
+    async def __call__(self, scope: Any, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._inner(scope, receive, send)
+            return
+        length = next((value for name, value in scope["headers"] if name == b"content-length"), b"0")
+        if not length.isdigit() or int(length) > BODY_MAX_BYTES:
+            await _refuse(scope, receive, send, 413, TOO_LARGE)
+            return
+        body, more = b"", True
+        while more:
+            message = await receive()
+            if message["type"] == "http.disconnect":
+                return
+            body += message.get("body", b"")
+            if len(body) > BODY_MAX_BYTES:  # a body without a length
+                await _refuse(scope, receive, send, 413, TOO_LARGE)
+                return
+            more = message.get("more_body", False)
+        whole = [{"type": "http.request", "body": body, "more_body": False}]
+
+        async def receive_whole() -> Any:
+            return whole.pop() if whole else await receive()
+
+        await self._inner(scope, receive_whole, send)
+
+
+class RequestPlaces:
+    """Bounds the requests that are served at the same time, for all and for each address.
+
+    Requests to log in have places of their own, and so have those of people who have logged in, also at an address that
+    they share with others.
+
+    Args:
+        has_login: returns whether the request of a scope is one of somebody who has logged in.
+    """
+
+    def __init__(self, inner: Inner, connections: Connections, has_login: Callable[[Any], bool]) -> None:
+        self._inner = inner
+        self._connections = connections
+        self._has_login = has_login
+        self._taken: Counter[str | tuple[str, str]] = Counter()
+
+    async def __call__(self, scope: Any, receive: Receive, send: Send) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            await self._inner(scope, receive, send)
+            return
+        peer = scope["client"]
+        kind = "logged in" if self._has_login(scope) else "logging in" if scope["path"] == "/login" else "watching"
+        address = (kind, network_of(peer[0]))
+        number, number_of_address = PLACES[kind]
+        if self._taken[kind] >= number or self._taken[address] >= number_of_address:
+            await _refuse(scope, receive, send, 503, "too many requests at the same time: try again")
+            return
+        self._taken.update((kind, address))
+        self._connections.on_request(peer, time.monotonic(), lasts=scope["type"] == "websocket")
+        try:
+            await self._inner(scope, receive, send)
+        finally:
+            self._taken.subtract((kind, address))
+            self._taken = +self._taken  # without the addresses that have no request any more
+            self._connections.on_reply(peer, time.monotonic())
+
+
+class PageTurns:
+    """Builds the pages of people who have not logged in one after the other, and the addresses take turns.
+
+    The server's thread does nothing else while it builds a page. So the next page waits for some time: else all other
+    requests, and the pages that are open, would wait for all new pages whenever several are loaded.
+
+    Args:
+        has_login: as in `RequestPlaces`.
+    """
+
+    def __init__(self, inner: Inner, has_login: Callable[[Any], bool]) -> None:
+        self._inner = inner
+        self._has_login = has_login
+        self._turn = asyncio.Lock()
+        self._turns: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
+        """The locks of the addresses that have a page to build: one page of each waits for its turn among all."""
+
+    async def __call__(self, scope: Any, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http" or not _is_page(scope["path"]) or self._has_login(scope):
+            await self._inner(scope, receive, send)
+            return
+        async with self._turns.setdefault(network_of(scope["client"][0]), asyncio.Lock()):
+            await self._build(scope, receive, send)
+
+    async def _build(self, scope: Any, receive: Receive, send: Send) -> None:
+        await self._turn.acquire()
+        start_s, ends = time.monotonic(), True
+
+        def end_turn() -> None:
+            nonlocal ends
+            if ends:
+                ends = False
+                rest_s = min(REST_FACTOR * (time.monotonic() - start_s), REST_MAX_S)
+                asyncio.get_running_loop().call_later(rest_s, self._turn.release)
+
+        async def send_built(message: Any) -> None:
+            end_turn()  # the page is built: the turn does not last until a slow client has read it
+            await send(message)
+
+        try:
+            await self._inner(scope, receive, send_built)
+        finally:
+            end_turn()
+
+
+def _is_page(path: str) -> bool:
+    return path == "/" or path.startswith("/recording/")
+
+
+async def _refuse(scope: Any, receive: Receive, send: Send, status: int, reason: str) -> None:
+    if scope["type"] == "websocket":
+        await receive()
+        await send({"type": "websocket.close", "code": 1008})
+    else:
+        await Response(f"{reason}\n", status_code=status, media_type="text/plain")(scope, receive, send)

@@ -1,24 +1,175 @@
-"""The messages of a vehicle, through the SDK, for the pages that somebody looks at."""
+"""A vehicle through the SDK, for all pages: its messages, its actions, and the map of its images."""
 
 import asyncio
 import time
+from contextlib import suppress
 from typing import Any
 
-from jezero.aio import JezeroError, Vehicle
+from jezero.aio import JezeroError, Vehicle, described
+from jezero.plugins import PluginError, action_names, find_action
 from jezero.router_address import shown_router
 from jezero.runtime.config import links_from_environment
+from jezero.schemas.actions import ActionDescription, FeedbackMessage
 from jezero.schemas.health import ServiceHealth
-from jezero.schemas.rows import Topic
+from jezero.schemas.rows import Action, Topic
 from jezero.schemas.terrain import Ground
-from jezero.services.ground_station.state import ALWAYS, WATCHED, VehicleState
-from jezero.services.ground_station.web.coverage_map import CoverageMap
-from jezero.services.ground_station.web.stack_actions import ALL_FEEDBACK, StackActions
+from jezero.services.ground_station.goals import GoalView
+from jezero.services.ground_station.growing_map import GrowingMap, MapPlace
+from jezero.services.ground_station.state import ALWAYS, WATCHED, ShownState
 
+ALL_FEEDBACK: Topic[FeedbackMessage[dict[str, Any]]] = Topic(
+    "action/*/feedback", FeedbackMessage[dict[str, Any]], 10.0, "every action server"
+)
 ALL_HEALTH = Topic("health/*", ServiceHealth, 1.0, "every service")
 RETRY_S = 1.0
 SILENT_S = 5.0
 """Time without a status after which the keys are asked for the reason, and between two such checks."""
 CONNECT_TIMEOUT_S = 3.0
+FOLLOW_PERIOD_S = 0.2
+DESCRIPTIONS_RETRY_S = 2.0
+FLIGHT_ORDER = ("takeoff", "go_to", "get_images", "area_coverage", "land_on_spot", "return_home")
+LOOKER_TIMEOUT_S = 3.0
+ENCODE_PERIOD_S = 1.0
+"""Least time between two pictures of the map for the pages."""
+ENCODE_SHARE = 0.1
+"""Largest fraction of the time that is spent on them."""
+
+
+class StackActions:
+    """The actions of one vehicle's stack; those that are installed here until it has replied.
+
+    They are asked for their descriptions at the start, and when a service has appeared or was restarted.
+
+    Attributes:
+        version: grows when the descriptions change.
+    """
+
+    def __init__(self, state: ShownState) -> None:
+        self.version = 1
+        self._state = state
+        self._actions: dict[str, tuple[ActionDescription, Action[Any]]] = {}
+        for name in action_names():
+            with suppress(PluginError):  # a broken package: the stack may have a good one
+                self._actions[name] = (find_action(name).description, find_action(name))
+        self._runs: dict[str, int] | None = None
+        self._next_s = 0.0
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the actions in the order of a flight, those of packages last."""
+        return sorted(self._actions, key=lambda name: ((*FLIGHT_ORDER, name).index(name), name))
+
+    def description(self, name: str) -> ActionDescription:
+        """The description of an action, as the action publishes it."""
+        return self._actions[name][0]
+
+    def action(self, name: str) -> Action[Any]:
+        """The row of the topic table of an action."""
+        return self._actions[name][1]
+
+    async def follow(self, uav: Vehicle) -> None:
+        """Keep the descriptions and the goal in charge up to date, until the task is canceled."""
+        while True:
+            with suppress(JezeroError):  # the link is lost: the page shows it, and all is asked again later
+                await self._ask(uav, time.monotonic())
+            await asyncio.sleep(FOLLOW_PERIOD_S)
+
+    async def _ask(self, uav: Vehicle, now_s: float) -> None:
+        runs = dict(self._state.runs)
+        if runs != self._runs and now_s >= self._next_s:
+            self._next_s = now_s + DESCRIPTIONS_RETRY_S
+            found = await uav.actions.descriptions()
+            self._runs = runs if found else None
+            self._keep(found)
+        if self._state.goals.wants_running(now_s):
+            self._state.goals.on_running(await uav.actions.running())
+
+    def _keep(self, found: list[ActionDescription]) -> None:
+        """Keep new descriptions; those of servers that do not reply now stay, and their goals are refused with why."""
+        for description in found:
+            known = self._actions.get(description.name)
+            if known is None or known[0] != description:
+                self._actions[description.name] = (description, described(description))
+                self.version += 1
+
+
+class CoverageMap:
+    """The growing map of one vehicle. One image is fetched at a time, and drawn in a thread.
+
+    Attributes:
+        version: grows with each new picture of the map.
+        place: where the picture lies; None without one.
+        picture: the newest picture, WebP.
+        problem: why an image is missing; "" for none.
+    """
+
+    def __init__(self, state: ShownState, actions: StackActions) -> None:
+        self.version = 0
+        self.place: MapPlace | None = None
+        self.picture = b""
+        self.problem = ""
+        self._state = state
+        self._actions = actions
+        self._looked_s = -LOOKER_TIMEOUT_S
+        self._goal_id = ""
+        self._map = GrowingMap()
+        self._tried: set[int] = set()
+        self._drawn = 0
+        self._encode_at_s = 0.0
+
+    def look(self) -> None:
+        """Note that a page shows the map now."""
+        self._looked_s = time.monotonic()
+
+    def shown(self) -> dict[str, Any] | None:
+        """The picture's address and place for the page; None without one."""
+        place = self.place
+        if place is None:
+            return None
+        return {
+            "url": f"/coverage.webp?version={self.version}",
+            "north": place.north_m, "east": place.east_m, "height": place.height_m, "width": place.width_m,
+        }  # fmt: skip
+
+    async def follow(self, uav: Vehicle) -> None:
+        """Add images until the task is canceled."""
+        while True:
+            view = self._state.goals.view
+            if view is None or time.monotonic() - self._looked_s > LOOKER_TIMEOUT_S or not await self._add(uav, view):
+                await asyncio.sleep(FOLLOW_PERIOD_S)
+            await self._encode()
+
+    async def _add(self, uav: Vehicle, view: GoalView) -> bool:
+        """Fetch and draw one more image of a goal; returns False without one."""
+        if not view.images or view.action not in self._actions.names:
+            return False
+        if view.goal_id != self._goal_id:
+            self._goal_id, self._map, self._tried, self._drawn = view.goal_id, GrowingMap(), set(), 0
+        index = next((index for index in sorted(view.images) if index not in self._tried), None)
+        if index is None:
+            return False
+        self._tried.add(index)
+        try:
+            picture = await uav.actions.picture(self._actions.action(view.action), view.goal_id, view.images[index])
+        except JezeroError as error:
+            self.problem = f"image {index} is missing in the map: {error}"
+            return True
+        with suppress(ValueError):  # an image of another size than its description says
+            await asyncio.to_thread(self._map.add, picture.image, picture.pixels)
+        return True
+
+    async def _encode(self) -> None:
+        """Make a new picture of the map, if images were added and the last one is old enough."""
+        start_s = time.monotonic()
+        if self._map.count == self._drawn or start_s < self._encode_at_s:
+            return
+        self._drawn = self._map.count
+        encoded = await asyncio.to_thread(self._map.encoded)
+        if encoded is not None:
+            self.picture, self.place = encoded
+            self.version += 1
+        taken_s = time.monotonic() - start_s
+        self._encode_at_s = start_s + max(ENCODE_PERIOD_S, taken_s / ENCODE_SHARE)
 
 
 class Feed:
@@ -34,7 +185,7 @@ class Feed:
     """
 
     def __init__(self, vehicle: str, router: str) -> None:
-        self.state = VehicleState()
+        self.state = ShownState()
         self.actions = StackActions(self.state)
         self.coverage_map = CoverageMap(self.state, self.actions)
         self.vehicle, self.router = vehicle, router

@@ -2,37 +2,33 @@
 
 from typing import Any
 
-from nicegui import ui
+from nicegui import events, ui
 
 from jezero.router_address import is_on_this_computer
 from jezero.services.ground_station.config import GroundStationConfig
-from jezero.services.ground_station.scene import ground_shape
-from jezero.services.ground_station.web.access import Access
-from jezero.services.ground_station.web.access_bar import AccessBar
-from jezero.services.ground_station.web.backpressure import Backpressure
+from jezero.services.ground_station.views import ground_shape
 from jezero.services.ground_station.web.commands import Commands
-from jezero.services.ground_station.web.data_panel import DataPanel
+from jezero.services.ground_station.web.data_panel import DataPanel, TopicWatch
 from jezero.services.ground_station.web.elements import (
     STATIC,
-    Camera,
+    Backpressure,
+    CameraPicture,
+    Events,
     HoldButton,
     Horizon,
+    Instruments,
     Keys,
-    Map,
-    Readings,
-    Target,
+    MapView,
+    RoverPad,
+    Services,
+    TargetView,
     View3D,
     Watchdog,
 )
 from jezero.services.ground_station.web.feed import Feed
 from jezero.services.ground_station.web.fly import FlyPanel
-from jezero.services.ground_station.web.goal_bar import GoalBar
-from jezero.services.ground_station.web.lists import Events, Services
-from jezero.services.ground_station.web.pilot_link import PilotLink
-from jezero.services.ground_station.web.playback_bar import PlaybackBar
-from jezero.services.ground_station.web.playback_feed import RECORDED, PlaybackFeed
-from jezero.services.ground_station.web.rover_panel import RoverPanel
-from jezero.services.ground_station.web.topic_watch import TopicWatch
+from jezero.services.ground_station.web.login import Access, AccessBar
+from jezero.services.ground_station.web.recordings import RECORDED, PlaybackBar, PlaybackFeed
 
 SLOW = 5
 """What changes slowly is updated in every fifth period."""
@@ -40,6 +36,77 @@ MAIN = 6
 """So many readings stand beside the horizon, the others below."""
 VIEWS = {"3d": "3D", "map": "Map"}
 CAMERAS = {"follow": "Follow", "top": "From above", "free": "Free"}
+ROVER_SPEEDS_MPS = (0.2, 0.5, 1.0)
+ROVER_YAW_RATE_RPS = 0.4
+"""Yaw rate at the left and right edges of the pad."""
+
+
+class GoalBar:
+    """The bar of one page; it also draws the goal, and the images that it has taken, on the map."""
+
+    def __init__(self, feed: Feed | PlaybackFeed, commands: Commands, chart: MapView) -> None:
+        self._feed, self._commands, self._map = feed, commands, chart
+        self._goal: dict[str, Any] | None = None
+        self._changes = -1
+        self._photos = -1
+        with ui.element("div").classes("progress") as self._bar:
+            with ui.element("div").classes("goal"):
+                self._text = ui.label().props('data-mark="goal"')
+                self._owner = ui.label().classes("goal-owner").props('data-mark="goal-owner"')
+            self._done = ui.linear_progress(0.0, show_value=False).props("rounded")
+            self._pause = ui.button("Pause", on_click=commands.pause_or_resume, color=None)
+            self._pause.props('no-caps dense data-mark="pause"').classes("pause-button")
+            ui.button("Cancel", on_click=self._cancel, color=None).props('no-caps dense data-mark="goal-cancel"')
+        self._bar.set_visibility(False)
+
+    def refresh(self, now_s: float, shows_map: bool) -> None:
+        """Show the goal; called about twice a second."""
+        state = self._feed.state
+        uav = self._feed.uav
+        goal = state.goals.progress(now_s, "" if uav is None else uav.client_id, self._commands.sent)
+        self._goal = goal
+        self._bar.set_visibility(goal is not None)
+        if goal is not None:
+            self._text.set_text(f"{goal['words']} · {goal['text']}")
+            self._owner.set_text(goal["owner"])
+            self._pause.set_text("Resume" if state.paused else "Pause")
+            self._done.set_visibility(goal["done"] is not None)
+            self._done.set_value(goal["done"] or 0.0)
+        if state.goals.changes != self._changes:
+            self._changes = state.goals.changes
+            self._map.run_method("setGoal", state.goals.drawing())
+        if isinstance(self._feed, Feed) and shows_map and self._map.shows_photos:
+            photos = self._feed.coverage_map
+            photos.look()
+            if photos.version != self._photos and photos.version > 0:
+                self._photos = photos.version
+                self._map.run_method("setMosaic", photos.shown())
+
+    async def _cancel(self) -> None:
+        if self._goal is not None:
+            await self._commands.cancel(self._goal["action"], self._goal["goal_id"], self._goal["owner"])
+
+
+class RoverPanel:
+    """The pad of one page, with a choice of speeds."""
+
+    def __init__(self, commands: Commands) -> None:
+        self._commands = commands
+        with ui.element("section").classes("card rover-card"):
+            ui.label("Rover").classes("card-title")
+            with ui.element("div").classes("rover-drive"):
+                RoverPad().on("drive", self._drive).on("release", commands.release)
+                with ui.element("div"):
+                    speeds = {speed_mps: f"{speed_mps:g} m/s" for speed_mps in ROVER_SPEEDS_MPS}
+                    self._speed = ui.toggle(speeds, value=ROVER_SPEEDS_MPS[1]).props("no-caps dense unelevated")
+                    ui.label(
+                        "Hold the knob and pull it: up drives, to the side turns. It stops when you let go."
+                    ).classes("field-hint")
+
+    async def _drive(self, event: events.GenericEventArguments) -> None:
+        speed, turn = (max(-1.0, min(1.0, float(part))) for part in event.args)
+        top_mps = float(self._speed.value)
+        await self._commands.steer(speed * top_mps, turn * ROVER_YAW_RATE_RPS)
 
 
 class Page:
@@ -62,7 +129,7 @@ class Page:
         self._watch = watch
         self._access, self._session = access, session
         self._robot = robot
-        self._commands = Commands(PilotLink(feed, self._refusal))
+        self._commands = Commands(feed, self._refusal)
         self._count = 0
         self._ground_version = 0
         self._period_camera_s = 1.0 / config.rate_camera_hz
@@ -78,7 +145,7 @@ class Page:
                 self._notice_bar()
             with ui.element("main").classes("main"):
                 self._stage()
-                self._target = Target(self._robot)
+                self._target = TargetView(self._robot)
                 self._side()
             if isinstance(feed, PlaybackFeed):
                 keys.on("hover", PlaybackBar(feed).toggle)
@@ -125,7 +192,7 @@ class Page:
     def _stage(self) -> None:
         with ui.element("section").classes("stage"):
             self._view = View3D(self._robot).classes("layer").on("ready", self._draw_ground)
-            self._map = Map(self._robot).classes("layer layer-off")
+            self._map = MapView(self._robot).classes("layer layer-off")
             # over a radio the images of a coverage are fetched only when asked for
             self._map.show_photos(isinstance(self._feed, Feed) and is_on_this_computer(self._feed.router))
             self._map.on("photos", lambda event: self._map.show_photos(bool(event.args)))
@@ -135,15 +202,15 @@ class Page:
             with ui.element("details").classes("picture").props("open"):
                 with ui.element("summary"):
                     ui.label("Camera")
-                Camera(self._pictures, self._period_camera_s)
+                CameraPicture(self._pictures, self._period_camera_s)
             self._goal = GoalBar(self._feed, self._commands, self._map)
 
     def _side(self) -> None:
         with ui.element("aside").classes("side"):
             with ui.element("section").classes("card instruments"):
                 self._horizon = Horizon()
-                self._readings = Readings().classes("readings-main")
-                self._details = Readings().classes("readings-more")
+                self._readings = Instruments().classes("readings-main")
+                self._details = Instruments().classes("readings-more")
             self._fly = FlyPanel(self._feed, self._commands, self._map, self._view, self._show_map)
             if isinstance(self._feed, Feed):
                 RoverPanel(self._commands)

@@ -13,20 +13,27 @@ from nicegui import Client, ui
 from nicegui import app as pages
 
 from jezero.runtime.service import Health
+from jezero.services.ground_station.access import Listening, insecurities, listening_socket
 from jezero.services.ground_station.config import GroundStationConfig
-from jezero.services.ground_station.listening import Listening, insecurities, listening_socket
-from jezero.services.ground_station.robot import robot_shapes
-from jezero.services.ground_station.web.access import Access, session_of
+from jezero.services.ground_station.views import robot_shapes
 from jezero.services.ground_station.web.camera_feed import CameraFeed
-from jezero.services.ground_station.web.connections import BoundedServer, Connections, WebSocket
+from jezero.services.ground_station.web.connections import (
+    BODY_MAX_BYTES,
+    RESPONSE_HEADERS,
+    BoundedServer,
+    Connections,
+    Inner,
+    OwnPagesOnly,
+    PageTurns,
+    RequestPlaces,
+    WebSocket,
+    WholeBodies,
+)
+from jezero.services.ground_station.web.data_panel import TopicWatch
 from jezero.services.ground_station.web.feed import Feed
-from jezero.services.ground_station.web.guard import BODY_MAX_BYTES, RESPONSE_HEADERS, Inner, OwnPagesOnly, WholeBodies
+from jezero.services.ground_station.web.login import Access, session_of
 from jezero.services.ground_station.web.page import Page
-from jezero.services.ground_station.web.places import PageTurns, Places
-from jezero.services.ground_station.web.playback_feed import PlaybackFeed
-from jezero.services.ground_station.web.recording_pages import RecordingPages
-from jezero.services.ground_station.web.recordings import Recordings
-from jezero.services.ground_station.web.topic_watch import TopicWatch
+from jezero.services.ground_station.web.recordings import PlaybackFeed, RecordingPages, Recordings
 from jezero.vehicle_config import VehicleConfig
 
 STOP_TIMEOUT_S = 1.0
@@ -96,7 +103,7 @@ class PageServer:
         connections = Connections()
         # A request passes the guards from the outermost to the site; a place is taken when its body has arrived.
         guarded: Inner = PageTurns(site, access.has_login)
-        guarded = Places(guarded, connections, access.has_login)
+        guarded = RequestPlaces(guarded, connections, access.has_login)
         guarded = access.with_sessions(WholeBodies(guarded))
         guarded = OwnPagesOnly(guarded, listening.serves)
         self._server = BoundedServer(_server_settings(guarded, listening), self._socket, connections)

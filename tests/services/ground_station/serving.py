@@ -111,9 +111,8 @@ def main() -> None:
     import msgspec
 
     from jezero.runtime.config import load_config
+    from jezero.services.ground_station.access import Listening, hash_of
     from jezero.services.ground_station.config import GroundStationConfig
-    from jezero.services.ground_station.listening import Listening
-    from jezero.services.ground_station.password import hash_of
     from jezero.services.ground_station.web.server import PageServer
     from jezero.vehicle_config import VehicleConfig
 

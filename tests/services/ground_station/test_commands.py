@@ -12,9 +12,8 @@ pytest.importorskip("nicegui", reason="the extra jezero[ground] is not installed
 from nicegui import ui
 
 from jezero.schemas.topics import GO_TO
-from jezero.services.ground_station.state import VehicleState
+from jezero.services.ground_station.state import ShownState
 from jezero.services.ground_station.web.commands import Commands
-from jezero.services.ground_station.web.pilot_link import PilotLink
 
 EXAMPLES: dict[str, Any] = {
     "str": "takeoff",
@@ -36,8 +35,8 @@ class OneVehicle:
     """A feed with a vehicle."""
 
     def __init__(self) -> None:
-        self.state = VehicleState()
-        self.uav, self.problem = UntouchedVehicle(), ""
+        self.state = ShownState()
+        self.uav, self.vehicle, self.problem = UntouchedVehicle(), "uav1", ""
 
 
 def _all_commands() -> Iterator[tuple[str, list[Any]]]:
@@ -59,7 +58,7 @@ def test_no_command_of_a_page_that_watches_reaches_the_vehicle(
     told: list[str] = []
     monkeypatch.setattr(ui, "notify", lambda text, **rest: told.append(text))
     feed: Any = OneVehicle()
-    reply = asyncio.run(getattr(Commands(PilotLink(feed, lambda: "you are watching")), name)(*arguments))
+    reply = asyncio.run(getattr(Commands(feed, lambda: "you are watching"), name)(*arguments))
     assert "you are watching" in f"{reply} {told}"
 
 
@@ -67,14 +66,14 @@ def test_a_page_that_may_fly_reaches_the_vehicle(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(ui, "notify", lambda text, **rest: None)
     feed: Any = OneVehicle()
     with pytest.raises(AssertionError, match="hover was asked for"):
-        asyncio.run(Commands(PilotLink(feed, lambda: "")).hover())
+        asyncio.run(Commands(feed, lambda: "").hover())
 
 
 def test_a_drive_ends_with_the_log_in_also_while_the_wheel_is_turned(monkeypatch: pytest.MonkeyPatch) -> None:
     told: list[str] = []
     monkeypatch.setattr(ui, "notify", lambda text, **rest: told.append(text))
     feed: Any = OneVehicle()
-    driving = Commands(PilotLink(feed, lambda: "you are watching"))
+    driving = Commands(feed, lambda: "you are watching")
     driving._drives = True
     driving._wheel.turn(0.5, 0.0)
     asyncio.run(driving.steer(0.5, 0.0))

@@ -1,15 +1,23 @@
-"""Forms from the goal types, and goals from what was typed."""
+"""Forms from the goal types, goals from what was typed, and their confirmation."""
 
 from math import radians
 
 import msgspec
 import pytest
 
+from jezero.schemas.actions import PlanReply
 from jezero.schemas.topics import ACTIONS, AREA_COVERAGE, GET_IMAGES, GO_TO, TAKEOFF
-from jezero.services.ground_station.goal_form import Field, form_of, goal_from, named_field
+from jezero.services.ground_station.goal_form import (
+    CONFIRMATION_TIMEOUT_S,
+    Confirmation,
+    FormField,
+    form_of,
+    goal_from,
+    named_field,
+)
 
 
-def fields_of(name: str) -> dict[str, Field]:
+def fields_of(name: str) -> dict[str, FormField]:
     return {field.name: field for field in form_of(ACTIONS[name].description.goal)[1]}
 
 
@@ -127,3 +135,31 @@ def test_an_angle_is_typed_in_degrees_and_sent_in_radians() -> None:
     goal, problems = goal_from([yaw], {"yaw_rad": "90"})
     assert not problems
     assert goal["yaw_rad"] == pytest.approx(radians(90.0))
+
+
+PATH = ((0.0, 0.0, -2.5), (0.0, 0.0, -6.5), (9.0, 0.0, -3.0))
+PLAN = PlanReply(accepted=True, duration_s=34.2, distance_m=41.3, battery_used=0.048, path_ned_m=PATH)
+
+
+def test_the_button_says_time_length_battery_and_highest_point_above_the_start() -> None:
+    asked = Confirmation({}, {}, PLAN, 0.0)
+    assert asked.words(0.0) == "Confirm: 34 s, 41 m, 5 % of the battery, up to 6.5 m"
+    assert asked.words(-0.5) == "Confirm: 34 s, 41 m, 5 % of the battery, up to 6 m"
+
+
+@pytest.mark.parametrize(("used", "words"), [(0.0, "0 %"), (0.001, "1 %"), (0.05, "5 %"), (0.0514, "6 %")])
+def test_the_battery_is_rounded_up(used: float, words: str) -> None:
+    assert Confirmation({}, {}, PlanReply(accepted=True, battery_used=used), 0.0).words(0.0) == (
+        f"Confirm: {words} of the battery"
+    )
+
+
+def test_a_plan_without_figures_is_confirmed_without_figures() -> None:
+    assert Confirmation({}, {}, PlanReply(accepted=True), 0.0).words(0.0) == "Confirm"
+
+
+def test_a_confirmation_holds_for_the_planned_goal_and_for_a_minute() -> None:
+    asked = Confirmation({"altitude_m": 3.0}, {"altitude_m": "3"}, PLAN, 10.0)
+    assert asked.holds_for({"altitude_m": "3"}, 10.0 + CONFIRMATION_TIMEOUT_S)
+    assert not asked.holds_for({"altitude_m": "3"}, 10.1 + CONFIRMATION_TIMEOUT_S)
+    assert not asked.holds_for({"altitude_m": "30"}, 11.0)

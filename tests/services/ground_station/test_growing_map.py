@@ -9,7 +9,7 @@ import pytest
 from jezero.frames import quat_from_euler, quat_multiply
 from jezero.schemas.images import Image
 from jezero.services.ground_station import growing_map
-from jezero.services.ground_station.growing_map import GrowingMap, Place
+from jezero.services.ground_station.growing_map import GrowingMap, MapPlace
 
 WIDTH_PX, HEIGHT_PX, FOCAL_PX = 320, 240, 200.0
 DOWN = (0.5**0.5, 0.0, 0.0, 0.5**0.5)
@@ -49,7 +49,7 @@ def plain(colour: tuple[int, int, int]) -> bytes:
     return (np.zeros((HEIGHT_PX, WIDTH_PX, 3), np.uint8) + np.array(colour, np.uint8)).tobytes()
 
 
-def picture_of(made: GrowingMap) -> tuple[growing_map.Pixels, Place]:
+def picture_of(made: GrowingMap) -> tuple[growing_map.Pixels, MapPlace]:
     shown = made.encoded()
     assert shown is not None
     picture = cv2.imdecode(np.frombuffer(shown[0], np.uint8), cv2.IMREAD_UNCHANGED)

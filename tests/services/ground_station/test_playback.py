@@ -15,7 +15,7 @@ from jezero.schemas import topics
 from jezero.schemas.sensors import Altimeter, CameraFrame
 from jezero.schemas.state import StatusCode
 from jezero.services.ground_station.playback import KEYFRAME_PERIOD_S, Playback, RecordedFlight, TimedMessage
-from jezero.services.ground_station.state import VehicleState
+from jezero.services.ground_station.state import ShownState
 from tests.services.ground_station.messages import Flight, health
 
 SECOND_NS = 1_000_000_000
@@ -108,7 +108,7 @@ def test_a_jump_reads_a_bounded_part_of_the_file(flight: RecordedFlight, monkeyp
     counted: list[TimedMessage] = []
     plain = RecordedFlight.update
 
-    def update(self: RecordedFlight, state: VehicleState, timed: TimedMessage) -> None:
+    def update(self: RecordedFlight, state: ShownState, timed: TimedMessage) -> None:
         counted.append(timed)
         plain(self, state, timed)
 

@@ -14,32 +14,32 @@ from jezero.schemas.preflight import Check, PreflightReport
 from jezero.schemas.sensors import Altimeter
 from jezero.schemas.state import Battery
 from jezero.schemas.topics import feedback_of, health_of
-from jezero.services.ground_station import readings
-from jezero.services.ground_station.state import VehicleState
+from jezero.services.ground_station import views
+from jezero.services.ground_station.state import ShownState
 from tests.services.ground_station.messages import IMAGE, Flight, health, relative, rover
 
 FLIGHT = Flight()
 
 
-def reading(state: VehicleState, label: str, now_s: float) -> dict[str, Any]:
+def reading(state: ShownState, label: str, now_s: float) -> dict[str, Any]:
     return next(row for row in state.readings(now_s) if row["label"] == label)
 
 
-def shown(now_s: float = 0.0, **fields: Any) -> VehicleState:
+def shown(now_s: float = 0.0, **fields: Any) -> ShownState:
     """A state with one status."""
-    state = VehicleState()
+    state = ShownState()
     state.update(now_s, topics.STATUS, FLIGHT.status(**fields))
     return state
 
 
 def test_without_any_message_the_page_says_what_is_missing() -> None:
-    line = VehicleState().status_line(0.0, "no router at tcp/127.0.0.1:7447")
+    line = ShownState().status_line(0.0, "no router at tcp/127.0.0.1:7447")
     assert line["words"] == "No vehicle"
     assert line["why"] == "no router at tcp/127.0.0.1:7447"
 
 
 def test_without_any_message_no_value_is_a_number() -> None:
-    rows = VehicleState().readings(0.0)
+    rows = ShownState().readings(0.0)
     assert {row["text"] for row in rows} == {"–"}
     assert all(row["late"] for row in rows)
 
@@ -71,7 +71,7 @@ def test_an_unknown_battery_shows_no_number() -> None:
 
 
 def test_the_height_counts_from_where_the_vehicle_stood_before_it_was_armed() -> None:
-    state = VehicleState()
+    state = ShownState()
     stands = FLIGHT.at(0.0, 0.0, -0.4).status(code=0, armed=False, landed=True, in_charge="none")
     state.update(0.0, topics.STATUS, stands)
     assert (state.start_z_ned_m, reading(state, "height", 0.1)["text"]) == (-0.4, "0.00")
@@ -98,7 +98,7 @@ def test_a_vehicle_that_is_not_ready_tells_why() -> None:
     assert (line["words"], line["tone"], line["why"]) == ("On the ground, not ready", "warning", "no GNSS fix")
 
 
-def standing(state: VehicleState, now_s: float, **fields: Any) -> dict[str, Any]:
+def standing(state: ShownState, now_s: float, **fields: Any) -> dict[str, Any]:
     """The state line of a vehicle that stands on the ground and is ready, unless `fields` say otherwise."""
     on_ground: dict[str, Any] = {"code": 0, "armed": False, "landed": True, "in_charge": "none"}
     state.update(now_s, topics.STATUS, FLIGHT.status(**(on_ground | fields)))
@@ -113,7 +113,7 @@ def report(*failed: str) -> PreflightReport:
 
 
 def test_a_vehicle_is_green_only_when_a_fresh_preflight_report_has_no_failure() -> None:
-    state = VehicleState()
+    state = ShownState()
     line = standing(state, 0.0)
     assert (line["words"], line["tone"]) == ("On the ground, not checked", "warning")
     state.update(1.0, topics.PREFLIGHT, report("battery"))
@@ -128,7 +128,7 @@ def test_a_vehicle_is_green_only_when_a_fresh_preflight_report_has_no_failure() 
 
 
 def test_a_preflight_report_from_before_the_flight_makes_nothing_green() -> None:
-    state = VehicleState()
+    state = ShownState()
     state.update(0.0, topics.PREFLIGHT, report())
     assert standing(state, 0.1)["tone"] == "good"
     state.update(1.0, topics.STATUS, FLIGHT.status(code=1, in_charge="goal", action="takeoff", goal_id="a"))
@@ -195,7 +195,7 @@ def test_a_silent_bridge_is_a_lost_link_and_the_last_state_is_still_told() -> No
 
 
 def test_a_service_that_stopped_publishing_is_silent() -> None:
-    state = VehicleState()
+    state = ShownState()
     state.update(0.0, health_of("estimator"), health())
     assert state.services(1.0)[0]["state"] == "ok"
     assert state.services(5.0)[0]["state"] == "silent"
@@ -238,7 +238,7 @@ def test_events_tell_changes_once_and_the_newest_first() -> None:
 
 
 def test_a_restarted_service_is_an_event() -> None:
-    state = VehicleState()
+    state = ShownState()
     state.update(0.0, health_of("vehicle_bridge"), health("vehicle_bridge"))
     state.update(1.0, health_of("vehicle_bridge"), health("vehicle_bridge", boot_id=2))
     assert [row["text"] for row in state.event_rows(1.0)] == ["vehicle bridge was restarted"]
@@ -246,7 +246,7 @@ def test_a_restarted_service_is_an_event() -> None:
 
 @pytest.mark.parametrize("value", [None, nan, inf, -inf])
 def test_a_value_that_is_absent_or_not_finite_is_a_dash(value: float | None) -> None:
-    row = readings.reading("speed", value, "m/s", 0.1)
+    row = views.reading("speed", value, "m/s", 0.1)
     assert (row.text, row.unit, row.late) == ("–", "", True)
 
 
@@ -258,7 +258,7 @@ def test_no_reading_of_messages_full_of_nan_is_a_number() -> None:
     broken = msgspec.structs.replace(
         status.odometry, vel_uav_ned_mps=(nan, nan, nan), q_ned_from_frd=(nan, nan, nan, nan), std_pos_m=nan
     )
-    state = VehicleState()
+    state = ShownState()
     state.update(0.0, topics.STATUS, msgspec.structs.replace(status, odometry=broken))
     state.update(0.0, topics.ALTIMETER, Altimeter(t_ns=0, range_m=nan))
     state.update(0.0, topics.RELATIVE, relative(pos_uav_rel_rover_ned_m=(nan, nan, nan), cov=(nan,) * 21))
@@ -286,7 +286,7 @@ def test_where_the_vehicle_was_last_is_kept_when_its_link_is_lost() -> None:
 
 
 def test_the_places_of_the_images_are_those_of_the_newest_goal() -> None:
-    state = VehicleState()
+    state = ShownState()
     for number, goal_id in enumerate(("first", "second", "second")):
         state.update(0.0, topics.STATUS, FLIGHT.status(in_charge="goal", goal_id=goal_id))
         image = msgspec.structs.replace(IMAGE, index=number, pos_camera_ned_m=(float(number), 0.0, -4.0))
@@ -307,7 +307,7 @@ def test_a_landing_in_charge_has_a_target_view_and_an_old_one_has_none() -> None
 
 
 def test_the_zones_of_the_fence_are_drawn_with_their_side() -> None:
-    state = VehicleState()
+    state = ShownState()
     assert state.fence() == []
     field = Zone(name="field", corners_ned_m=((0.0, 0.0), (9.0, 0.0), (9.0, 9.0)))
     crater = Zone(name="crater", corners_ned_m=((4.0, 1.0), (6.0, 1.0), (6.0, 3.0)))

@@ -1,13 +1,57 @@
-"""Numbers of any topic for plots."""
+"""How often topics arrive, and their numbers over the last minute."""
 
 from math import nan
+from typing import Any
 
 import pytest
 
 from jezero.schemas import topics
 from jezero.schemas.sensors import Altimeter
-from jezero.services.ground_station.plots import SPAN_S, VALUES_MAX, Series, fields_of, plottable_topics
+from jezero.services.ground_station.topic_data import (
+    PLOT_SPAN_S,
+    SERIES_VALUES_MAX,
+    LinkTable,
+    PlotSeries,
+    fields_of,
+    plottable_topics,
+)
 from tests.services.ground_station.messages import Flight
+
+
+def row(table: LinkTable, now_s: float, name: str) -> dict[str, Any]:
+    """The row of a topic."""
+    return next(row for row in table.rows(now_s) if row["name"] == name)
+
+
+def test_the_rate_that_is_seen_stands_beside_the_one_expected() -> None:
+    table = LinkTable(0.0)
+    for number in range(100):
+        table.on_message(0.1 * number, topics.STATUS.name)
+    status = row(table, 9.95, topics.STATUS.name)
+    assert (status["expected"], status["seen"], status["age"], status["late"]) == ("10", "10.0", "50 ms", False)
+
+
+def test_a_topic_that_is_too_rare_or_silent_is_marked_and_one_of_a_goal_is_not() -> None:
+    table = LinkTable(0.0)
+    for number in range(8):
+        table.on_message(float(number), topics.STATUS.name)
+    assert row(table, 8.0, topics.STATUS.name)["late"]
+    assert row(table, 8.0, topics.ODOMETRY.name)["late"]
+    assert row(table, 8.0, topics.ODOMETRY.name)["age"] == "never"
+    assert not row(table, 8.0, topics.SETPOINT.name)["late"]
+    assert not row(table, 8.0, topics.ROVER_COMMAND.name)["late"]
+
+
+def test_nothing_is_marked_before_there_was_time_to_count() -> None:
+    assert not any(row["late"] for row in LinkTable(0.0).rows(1.0))
+
+
+def test_a_rate_falls_to_zero_after_the_last_message() -> None:
+    table = LinkTable(0.0)
+    table.on_message(1.0, topics.STATUS.name)
+    status = row(table, 80.0, topics.STATUS.name)
+    assert (status["seen"], status["age"]) == ("0.0", "1 min 19 s")
+
 
 STATUS_FIELDS = {field.label: field for field in fields_of(topics.STATUS)}
 
@@ -43,7 +87,7 @@ def test_what_is_absent_has_no_value(fields: dict[str, None]) -> None:
 
 def test_a_series_leaves_out_what_is_absent_or_not_finite_and_gives_only_what_is_new() -> None:
     (field,) = fields_of(topics.ALTIMETER)
-    series = Series(field)
+    series = PlotSeries(field)
     for t_s, range_m in ((1.0, 4.0), (2.0, None), (3.0, nan), (4.0, 5.0)):
         series.on_message(t_s, Altimeter(t_ns=0, range_m=range_m))
     assert series.since(0.0) == [(1.0, 4.0), (4.0, 5.0)]
@@ -53,9 +97,9 @@ def test_a_series_leaves_out_what_is_absent_or_not_finite_and_gives_only_what_is
 
 def test_a_series_is_bounded_at_any_rate_and_holds_the_last_minute() -> None:
     (field,) = fields_of(topics.ALTIMETER)
-    series = Series(field)
+    series = PlotSeries(field)
     for number in range(100 * 100):  # 100 Hz for 100 s
         series.on_message(0.01 * number, Altimeter(t_ns=0, range_m=1.0))
     values = series.since(0.0)
-    assert len(values) <= VALUES_MAX
-    assert values[-1][0] - values[0][0] >= SPAN_S - 0.1
+    assert len(values) <= SERIES_VALUES_MAX
+    assert values[-1][0] - values[0][0] >= PLOT_SPAN_S - 0.1

@@ -9,20 +9,23 @@ from urllib.parse import parse_qs
 
 from fastapi import FastAPI, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
+from nicegui import ui
+from nicegui.element import Element
 from starlette.middleware.sessions import SessionMiddleware
 
+from jezero.services.ground_station.access import PASSWORD_LENGTH_MAX, Listening, LoginLimiter, Sessions, matches
 from jezero.services.ground_station.config import GroundStationConfig
-from jezero.services.ground_station.listening import Listening
-from jezero.services.ground_station.password import LENGTH_MAX, matches
-from jezero.services.ground_station.sessions import LoginLimiter, Sessions
+from jezero.services.ground_station.web.connections import Inner
 from jezero.services.ground_station.web.elements import STATIC
-from jezero.services.ground_station.web.guard import Inner
+from jezero.services.ground_station.words import duration
 
 COOKIE = "jezero_session"
 SESSION = "id"
 CHECKS_MAX = 4
 """Passwords that are checked or wait for it. There is one check at a time: it takes 19 MiB and one processor."""
 WATCHING = "you are watching: log in to fly"
+WARN_S = 120.0
+"""The page warns of the end of its log-in this long before it."""
 
 
 class Access:
@@ -116,9 +119,55 @@ def _password_in(body: bytes) -> str:
     """The password of a form; "" when there is none, or a longer one than can be set."""
     fields = parse_qs(body.decode("utf-8", "replace"), max_num_fields=4) if body.count(b"&") < 4 else {}
     password = fields.get("password", [""])[0]
-    return password if len(password) <= LENGTH_MAX else ""
+    return password if len(password) <= PASSWORD_LENGTH_MAX else ""
 
 
 def _form(problem: str, status: int = 200) -> Response:
     page = (STATIC / "login.html").read_text(encoding="utf-8")
     return HTMLResponse(page.replace("{{problem}}", escape(problem)), status, headers={"Cache-Control": "no-store"})
+
+
+class Activity(Element, component="static/activity.js"):
+    """Emits `used` now and then while somebody uses the page."""
+
+
+class AccessBar:
+    """Who may fly from one page.
+
+    Args:
+        page: the page's outermost element, whose class `watching` hides the commands.
+        session: id of the page's session.
+    """
+
+    def __init__(self, access: Access, session: str, page: Element) -> None:
+        self._access, self._session, self._page = access, session, page
+        self._shown: tuple[bool, str] | None = None
+        ui.add_css(STATIC / "access.css")
+        if not access.needs_login:
+            return
+        Activity().on("used", lambda: access.use(session))
+        with ui.element("div").classes("access"):
+            self._words = ui.label().classes("access-words").props('data-mark="access"')
+            self._log_in = ui.link("Log in", "/login").props('data-mark="log-in"')
+            with ui.element("form").props("method=post action=/logout") as self._log_out:
+                ui.html("<button data-mark='log-out'>Log out</button>", sanitize=False)
+        self.show()
+
+    def refusal(self) -> str:
+        """Why the page may not fly now; "" if it may, which counts as use."""
+        return "" if self._access.use(self._session) else WATCHING
+
+    def show(self) -> None:
+        """Show whether the page may fly, and when that ends."""
+        if not self._access.needs_login:
+            return
+        remaining_s = self._access.remaining_s(self._session)
+        flies = remaining_s > 0.0
+        words = "Watching" if not flies else f"log-in ends in {duration(remaining_s)}" if remaining_s < WARN_S else ""
+        if (flies, words) == self._shown:
+            return
+        self._shown = (flies, words)
+        self._words.set_text(words)
+        self._log_in.set_visibility(not flies)
+        self._log_out.set_visibility(flies)
+        self._page.classes(remove="watching") if flies else self._page.classes("watching")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jezero.schemas.landing_board import BoardTag
-from jezero.services.ground_station.board_picture import PIXELS_PER_M, board_address, board_picture
+from jezero.services.ground_station.views import PIXELS_PER_M, board_address, board_picture
 from jezero.vehicle_config import PlatformConfig
 
 TWO_TAGS = PlatformConfig(

@@ -7,7 +7,7 @@ import pytest
 from jezero.frames import quat_from_euler
 from jezero.schemas.estimate import TagEstimate
 from jezero.schemas.landing_board import BoardTag
-from jezero.services.ground_station.tag_marks import tag_outlines
+from jezero.services.ground_station.web.camera_feed import tag_outlines
 from jezero.vehicle_config import CameraMountConfig
 
 CAMERA = CameraMountConfig(pos_camera_frd_m=(0.0, 0.0, 0.0))

@@ -6,7 +6,7 @@ pytest.importorskip("nicegui", reason="the extra jezero[ground] is not installed
 pytest.importorskip("websockets", reason="the extra jezero[ground] is not installed")
 
 from benchmarks.speed.page_viewer import PageViewer
-from jezero.services.ground_station.web.backpressure import UNREAD_MAX
+from jezero.services.ground_station.web.elements import UNREAD_MAX
 from tests.services.ground_station.serving import NO_ROUTER, serving
 from tests.system.conftest import wait_for
 

@@ -6,7 +6,7 @@ import pytest
 
 from jezero.area_files import AreaFileError
 from jezero.frames import geodetic_from_ned
-from jezero.services.ground_station.flown_area import DrawnArea, area_from_browser, placed, polygons_in
+from jezero.services.ground_station.drawn_area import DrawnArea, area_from_browser, placed, polygons_in
 
 ORIGIN_DEG = (18.4447, 77.4508)
 OUTLINE = [[0.0, 0.0], [20.0, 0.0], [20.0, 10.0], [0.0, 10.0]]

@@ -11,8 +11,7 @@ import pytest
 
 pytest.importorskip("nicegui", reason="the extra jezero[ground] is not installed")
 
-from jezero.services.ground_station.web.connections import REQUEST_TIMEOUT_S
-from jezero.services.ground_station.web.places import PLACES
+from jezero.services.ground_station.web.connections import PLACES, REQUEST_TIMEOUT_S
 from tests.services.ground_station.serving import ADDRESS, NO_ROUTER, PASSWORD, ask, make_certificate, opened, serving
 from tests.system.conftest import wait_for
 

@@ -7,7 +7,7 @@ import msgspec
 
 from jezero.schemas.actions import FeedbackMessage
 from jezero.schemas.goals import LandFeedback, MoveFeedback
-from jezero.services.ground_station.landing import landing_view
+from jezero.services.ground_station.views import landing_view
 from tests.services.ground_station.messages import covariance, relative
 
 LANDING = FeedbackMessage(

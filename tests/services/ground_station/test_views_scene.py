@@ -12,7 +12,7 @@ from jezero.schemas.commands import CameraPitch
 from jezero.schemas.estimate import Covariance6
 from jezero.schemas.sensors import Altimeter
 from jezero.schemas.terrain import Ground, Rock
-from jezero.services.ground_station.scene import (
+from jezero.services.ground_station.views import (
     altimeter_range,
     camera_attitude,
     ellipsoid,
