@@ -1,22 +1,97 @@
-"""`jezero recording`: what is in a recording, parts of it, and tables for other programs."""
+"""Commands of the section "Records": messages shown to a viewer, and recordings shown, changed and drawn.
+
+`jezero replay` and `jezero tune` have files of their own.
+"""
 
 import json
 from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import click
 
-from jezero.cli.shared import FINITE
+from jezero.cli.options import FINITE, RECORDING_PATH, common_options
+from jezero.cli.terminal import UNREACHABLE, Printer
+from jezero.router_address import is_loopback, shown_router
 from jezero.schemas.units import NS_PER_S
 
 if TYPE_CHECKING:
     from jezero.recording import RecordedGoal, Recording
+    from jezero.report.style import Format
 
+PORT = 8765
+"""The port that Foxglove suggests."""
+CONNECT_TIMEOUT_S = 3.0
+POLL_PERIOD_S = 0.2
+"""Longest time until images are sent to somebody who has just subscribed to them."""
 DATES_FROM_NS = 10**18
 """Recordings over Zenoh have times since 1970, of this size since 2001; virtual time starts at 0."""
-RECORDING_PATH = click.Path(path_type=Path)
+
+
+@click.command()
+@click.option("--foxglove", is_flag=True, help="Serve Foxglove, with the channels of a recording.")
+@click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on; 0.0.0.0 for all networks.")
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=PORT,
+    show_default=True,
+    help="Port; 0 for a free one.",
+)
+@common_options
+def watch(foxglove: bool, host: str, port: int, vehicle: str, router: str, as_json: bool) -> None:
+    """Serve what the vehicle publishes to a viewer, until Ctrl+C.
+
+    The viewer gets the channels of a recording, also the 3D scene. Images are encoded only while somebody looks.
+    """
+    if not foxglove:
+        raise click.UsageError("choose the viewer: --foxglove")
+    try:
+        import foxglove as _  # noqa: F401
+    except ModuleNotFoundError:
+        raise click.ClickException("Foxglove's library is an extra: pip install 'jezero[foxglove]'") from None
+    try:
+        _serve(Printer(as_json), vehicle, router, host, port)
+    except KeyboardInterrupt:
+        return
+
+
+def _serve(printer: Printer, vehicle: str, router: str, host: str, port: int) -> None:
+    import zenoh
+
+    from jezero.client.session import hidden_reason
+    from jezero.keys.diagnosis import connection_problem
+    from jezero.recording.live import LiveServer, ServeError, VehicleMessages
+    from jezero.recording.viewer_scene import ViewerScene
+    from jezero.runtime.config import load_config
+    from jezero.vehicle_config import VehicleConfig
+    from jezero.zenoh_client import client_config
+
+    scene = ViewerScene(load_config(VehicleConfig, "vehicle"))
+    try:
+        session = zenoh.open(client_config(router, CONNECT_TIMEOUT_S))
+    except zenoh.ZError:
+        reason = connection_problem(router) or f"no router at {shown_router(router)}: is the stack up? (`jezero up`)"
+        printer.fail("unreachable", f"unreachable: {reason}", UNREACHABLE, reason=reason)
+    if reason := hidden_reason(session, router, vehicle):
+        session.close()  # type: ignore[no-untyped-call]
+        printer.fail("unreachable", f"unreachable: {reason}", UNREACHABLE, reason=reason)
+    try:
+        server = LiveServer(vehicle, host, port, scene)
+    except ServeError as error:
+        raise click.ClickException(f"{error}; choose another --port or --host") from None
+    with session, server:
+        url = f"ws://{host}:{server.port}"
+        if not is_loopback(host):
+            printer.warn(f"everybody who reaches {host} can see what {vehicle} publishes")
+        text = f"{vehicle} is on {url}: in Foxglove, open a connection to this address. Ctrl+C ends it."
+        printer.event("serving", text, url=url, port=server.port)
+        messages = VehicleMessages(session, vehicle)
+        while True:
+            messages.want_images(server.wants_images)
+            for arrival in messages.take(POLL_PERIOD_S):
+                server.publish(*arrival)
 
 
 class RecordingGroup(click.Group):
@@ -193,3 +268,30 @@ def repair(file: Path) -> None:
         click.echo(f"{path}: {problem}. {count} messages are in the finished file; the old one is {path}.damaged")
     else:
         click.echo(f"{path} is finished and whole: {count} messages")
+
+
+@click.command()
+@click.argument("paths", nargs=-1, required=True, type=click.Path(path_type=Path, exists=True), metavar="PATH...")
+@click.option("--format", "form", type=click.Choice(["png", "pdf", "svg"]), default="png", show_default=True,
+              help="Format of the figures; pdf and svg for papers.")  # fmt: skip
+def report(paths: tuple[Path, ...], form: str) -> None:
+    """Draw the figures of recorded flights into their folders.
+
+    A PATH is the folder of a run (`jezero up`, `jezero demo`, `jezero fly --out`, `jezero getimages`,
+    `jezero gridsweep`, `jezero bench landing --out`), a recording, or a file of `jezero bench landing --json`. Each
+    recording of `jezero up` has its own folder of figures, beside it.
+
+    Figures of a flight: position and status over time; for each orbit and coverage the path flown and the pictures.
+    Figures of each landing on the rover: estimate and truth, the rover's position, UWB and tag, the touchdown; on a
+    spot: the vehicle's odometry. Figures of images: a contact sheet, and for a coverage the planned and the flown path.
+    Figure of several landings or a benchmark: the scatter of the touchdowns. In a recording without truth, as of a real
+    vehicle, the figures show the estimate with three of its standard deviations instead of its error.
+    """
+    from jezero.report.report import ReportError, draw_report
+
+    try:
+        files = draw_report(paths, cast("Format", form), lambda text: click.echo(text, err=True))
+    except ReportError as error:
+        raise click.ClickException(str(error)) from error
+    for file in files:
+        click.echo(f"wrote {file}")

@@ -1,6 +1,7 @@
-"""Commands that read recordings, also from files that are damaged, foreign or no recordings at all."""
+"""Commands that read recordings, also damaged and foreign ones, and `jezero watch` without a stack."""
 
 import json
+import sys
 from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
@@ -12,8 +13,10 @@ from hypothesis import strategies as st
 from mcap.writer import Writer
 
 from jezero.cli.main import main
+from jezero.cli.terminal import UNREACHABLE, USAGE
 from jezero.codec import encode
 from jezero.recording.writer import RecordingWriter
+from jezero.router_address import is_loopback
 from jezero.schemas import topics
 from jezero.schemas.actions import Rejected
 from jezero.schemas.state import Clock
@@ -210,3 +213,28 @@ def test_info_of_goals_of_another_version_shows_the_rest(tmp_path: Path) -> None
         writer.write(1, "journal/takeoff", b'{"t_ns":1,"colour":"red"}')
     shown = run("info", file).output
     assert "goals      not shown:" in shown and "clock" in shown
+
+
+def test_a_viewer_must_be_chosen() -> None:
+    result = CliRunner().invoke(main, ["watch"])
+    assert result.exit_code == USAGE and "--foxglove" in result.output
+
+
+def test_a_missing_library_is_named_with_the_command_that_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "foxglove", None)
+    result = CliRunner().invoke(main, ["watch", "--foxglove"])
+    assert result.exit_code == 1
+    assert "pip install 'jezero[foxglove]'" in result.output
+
+
+def test_without_a_router_it_ends_with_a_sentence() -> None:
+    result = CliRunner().invoke(main, ["watch", "--foxglove", "--port", "0", "--router", "tcp/127.0.0.1:1"])
+    assert result.exit_code == UNREACHABLE
+    assert "is the stack up?" in result.output
+
+
+@pytest.mark.parametrize(
+    ("host", "loopback"), [("127.0.0.1", True), ("::1", True), ("localhost", True), ("0.0.0.0", False), ("pi", False)]
+)
+def test_only_loopback_needs_no_warning(host: str, loopback: bool) -> None:
+    assert is_loopback(host) == loopback

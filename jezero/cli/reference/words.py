@@ -1,14 +1,16 @@
-"""The fields of a struct in words for people: value and unit, range, default, meaning."""
+"""Words for people: the fields of a struct with value and unit, range, default and meaning; tables in Markdown."""
 
 import inspect
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, get_origin
 
 import msgspec
 from msgspec import inspect as types
+
+from jezero.plugins import action_names
 
 BOUND_MAX = {types.FloatType: 1e4, types.IntType: 1e6}
 """Bounds from here on only keep out garbage such as infinity, so that no page shows them."""
@@ -224,3 +226,25 @@ def _default_words(field: types.Field) -> str:
     if isinstance(value, tuple) and any(isinstance(item, msgspec.Struct) for item in value):
         return f"{len(value)} tables"
     return json_words(value)
+
+
+def table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Rows as a table, whose columns are the keys of the first row."""
+    names = list(rows[0])
+    lines = [names, ["---"] * len(names), *([escape(cell(row[name])) for name in names] for row in rows)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def cell(value: Any) -> str:
+    """A value for people; a list that holds all action servers names them together."""
+    if isinstance(value, list):
+        if set(action_names()) <= set(value):
+            value = [*(name for name in value if name not in action_names()), "actions"]
+        return ", ".join(value)
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def escape(text: str) -> str:
+    """Text within a table or a paragraph: `|` and, outside of code, `<` would be taken for Markdown."""
+    parts = re.split(r"(`[^`]*`)", text)
+    return "".join(part if part.startswith("`") else part.replace("<", "&lt;") for part in parts).replace("|", "\\|")

@@ -1,12 +1,17 @@
-"""`jezero mission check` without a stack: the plan is made in the command's own process, and judged."""
+"""Missions without a stack: their plan, made in the command's own process, and judged; the words for their end."""
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
 
 from jezero.cli.main import main
+from jezero.cli.missions import _follow, progress_in_words
+from jezero.cli.terminal import ABORTED, INCOMPLETE, Printer
+from jezero.schemas.mission import MissionProgress
 
 NOBODY = ("--router", "tcp/127.0.0.1:1")
 """Address of a router that doesn't run."""
@@ -54,3 +59,44 @@ def test_a_wind_takes_its_charge_and_a_wrong_one_is_named(tmp_path: Path) -> Non
     ]
     assert used[1] > 1.1 * used[0]
     assert check(tmp_path, text, "--wind", "nan", "0").exit_code == 2
+
+
+def progress(**fields: Any) -> MissionProgress:
+    return MissionProgress(t_ns=0, mission_id="m", name="survey", step=5, steps=5, label="land", **fields)
+
+
+class Flown:
+    """A vehicle whose mission has one progress: its end."""
+
+    def __init__(self, end: MissionProgress) -> None:
+        self._end = end
+
+    @property
+    def mission(self) -> "Flown":
+        return self
+
+    def watch(self) -> Iterator[MissionProgress]:
+        yield self._end
+
+
+@pytest.mark.parametrize(
+    ("end", "words", "code"),
+    [
+        (progress(state="succeeded"), "survey: succeeded, 5 steps", 0),
+        (progress(state="succeeded", left_out=2), "survey: succeeded, 2 of 5 steps left out", INCOMPLETE),
+        (
+            progress(state="failed", reason="too far"),
+            "survey: failed at step 5 of 5, land: too far. jezero mission resume tries the step again",
+            ABORTED,
+        ),
+    ],
+)
+def test_an_end_without_some_steps_differs_from_success(end: MissionProgress, words: str, code: int) -> None:
+    assert progress_in_words(end) == words
+    vehicle: Any = Flown(end)
+    if code == 0:
+        _follow(Printer(False), vehicle, "m")
+        return
+    with pytest.raises(SystemExit) as ended:
+        _follow(Printer(False), vehicle, "m")
+    assert ended.value.code == code

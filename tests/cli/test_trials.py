@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
-from jezero.cli.campaign import campaign
+from jezero.cli.trials import campaign
 from jezero.recording import open_recording
 from jezero.trials.campaign import campaign as flown
 from jezero.trials.campaign.judge_others import TruthJudge

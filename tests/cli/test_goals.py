@@ -1,14 +1,17 @@
-"""Plans before flights: those of more than a minute are shown and confirmed, and those of a mission's goals shown."""
+"""The life of a goal on the command line: its plan, which is confirmed if it is long, and the keys that pause it."""
 
 import json
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
 from click.testing import CliRunner
 
 from jezero import Vehicle
+from jezero.cli.goals import GoalKeys, minutes
 from jezero.cli.main import main
-from jezero.cli.plan import minutes
+from jezero.cli.terminal import Printer
+from jezero.client import Refused
 from jezero.schemas.actions import PlanReply, Result
 from jezero.schemas.goals import GoToGoal, LandOnSpotGoal, LandResult
 from jezero.schemas.topics import GO_TO, LAND_ON_SPOT
@@ -69,7 +72,7 @@ def test_json_has_the_numbers_and_never_asks(far: list[str], server: Server) -> 
 def test_on_a_terminal_the_user_is_asked(
     far: list[str], server: Server, monkeypatch: pytest.MonkeyPatch, typed: str, flown: int, exit_code: int
 ) -> None:
-    monkeypatch.setattr("jezero.cli.plan._is_terminal", lambda: True)
+    monkeypatch.setattr("jezero.cli.goals._is_terminal", lambda: True)
     done = run(far, typed)
     assert "Fly it? [Y/n]" in done.stderr
     assert (len(goals(server)), done.exit_code) == (flown, exit_code), done.output
@@ -116,3 +119,50 @@ def test_a_mission_shows_the_plan_of_each_goal_and_asks_nothing(
 @pytest.mark.parametrize(("duration_s", "said"), [(42.4, "42 s"), (59.6, "1 min 0 s"), (312.0, "5 min 12 s")])
 def test_durations_are_said_in_minutes(duration_s: float, said: str) -> None:
     assert minutes(duration_s) == said
+
+
+class FakeGoal:
+    """Notes what it is asked for; can't be resumed."""
+
+    def __init__(self) -> None:
+        self.asked: list[str] = []
+
+    def pause(self) -> None:
+        self.asked.append("pause")
+
+    def resume(self) -> None:
+        self.asked.append("resume")
+        raise Refused("goal g is not paused")
+
+
+class FakeKeyboard:
+    """Gives one key, or several at once, at each reading."""
+
+    attached = True
+
+    def __init__(self, pressed: list[str]) -> None:
+        self._pressed: Iterator[str] = iter(pressed)
+
+    def read(self, timeout_s: float) -> str:
+        return next(self._pressed)
+
+
+def polled(pressed: list[str], *, as_json: bool = False) -> list[str]:
+    """What a goal is asked for while these keys are pressed."""
+    goal: Any = FakeGoal()
+    keys = GoalKeys(Printer(as_json), goal)
+    keyboard: Any = FakeKeyboard(pressed)
+    keys._keyboard = keyboard
+    for _ in pressed:
+        keys.poll()
+    asked: list[str] = goal.asked
+    return asked
+
+
+def test_p_pauses_r_resumes_and_other_keys_do_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    assert polled(["p", "", "x", "R", "\x1b[C", "xp"]) == ["pause", "resume", "pause"]
+    assert "warning: goal g is not paused" in capsys.readouterr().err
+
+
+def test_with_json_there_are_no_keys() -> None:
+    assert polled(["p"], as_json=True) == []

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from jezero.cli.camera import camera
-from jezero.cli.exit_codes import UNREACHABLE
+from jezero.cli.flight import camera
+from jezero.cli.terminal import UNREACHABLE
 from jezero.client import JezeroError
 from jezero.client.png import png_of
 from jezero.client.session import decode
