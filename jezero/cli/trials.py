@@ -90,10 +90,9 @@ def campaign(
     """
     import msgspec
 
-    from jezero.trials.campaign.campaign import CampaignReport, fly_campaign
+    from jezero.trials.campaign.campaign import CampaignReport, fly_campaign, seeds_for_minutes
     from jezero.trials.campaign.faults import FAULT_COUNTS
     from jezero.trials.campaign.mission import fly_mission
-    from jezero.trials.campaign.seeds import seeds_for_minutes
 
     if commit is not None and (seeds is not None or minutes is None):
         raise click.UsageError("--commit replaces --seeds and needs --minutes: give --commit and --minutes only")
@@ -126,7 +125,7 @@ def campaign(
 
 def _seeds_of(revision: str) -> Iterable[int]:
     """Endless seeds of a commit; the seeds from 0 on without a git checkout."""
-    from jezero.trials.campaign.seeds import NoCheckoutError, commit_hash, first_seed
+    from jezero.trials.campaign.campaign import NoCheckoutError, commit_hash, first_seed
 
     first = 0
     try:

@@ -13,9 +13,9 @@ from click.testing import CliRunner, Result
 from jezero.cli.trials import campaign
 from jezero.recording import open_recording
 from jezero.trials.campaign import campaign as flown
-from jezero.trials.campaign.judge_others import TruthJudge
+from jezero.trials.campaign.campaign import first_seed, seeds_for_minutes
+from jezero.trials.campaign.judge import TruthJudge
 from jezero.trials.campaign.mission import MissionReport
-from jezero.trials.campaign.seeds import first_seed, seeds_for_minutes
 
 HASH = "0123456789abcdef0123456789abcdef01234567"
 

@@ -1,9 +1,11 @@
-"""The campaign's rules of fences find what breaks them, and excuse what no bridge can prevent."""
+"""Fences that are drawn, and the rules of fences, which find what breaks them and excuse what no bridge can prevent."""
 
 from dataclasses import dataclass, field
+from math import hypot
 from typing import Any
 
 import pytest
+from shapely import Point, Polygon
 
 from jezero.codec import encode
 from jezero.frames import Vec3
@@ -13,10 +15,11 @@ from jezero.schemas.actions import Rejected
 from jezero.schemas.fence import Fence, FenceState, Zone
 from jezero.schemas.goals import GoToGoal
 from jezero.schemas.state import Odometry, Status, StatusCode, Truth
+from jezero.trials.campaign.clients import SentGoal
+from jezero.trials.campaign.fence import RULE, FenceJudge, FenceShape, draw_fence
 from jezero.trials.campaign.judge import Judge
-from jezero.trials.campaign.judge_fence import RULE, FenceJudge, FenceShape
-from jezero.trials.campaign.judge_others import GoalRecord
-from jezero.trials.campaign.sent_goals import SentGoal
+from jezero.trials.campaign.judge_actions import GoalRecord
+from jezero.trials.campaign.mission import named_random
 
 S = 1_000_000_000
 STEP_NS = S // 10
@@ -191,3 +194,23 @@ def test_the_shape_is_negative_inside_by_the_distance_to_the_nearest_edge() -> N
     assert shape.beyond_m((0.0, 0.0, -1.0)) == pytest.approx(-4.0)
     assert shape.beyond_m((0.0, 8.0, -5.5)) == pytest.approx(-0.5)
     assert shape.beyond_m((20.0, 0.0, -1.0)) == pytest.approx(10.0)
+
+
+def test_a_drawn_fence_is_valid_and_the_vehicle_first_stands_inside() -> None:
+    for seed in range(200):
+        fence = draw_fence(named_random(seed, "fence"))
+        zones = [Polygon(zone.corners_ned_m) for zone in fence.zones]
+        assert all(zone.is_valid for zone in zones)
+        assert all(
+            zone.contains(Point(0.0, 0.0)) is (each is fence.keep_in)
+            for zone, each in zip(zones, fence.zones, strict=True)
+        )
+        assert all(hypot(*corner) < 16.0 for each in fence.zones for corner in each.corners_ned_m)
+
+
+def test_ceilings_floors_and_zones_of_both_kinds_are_drawn_and_left_out() -> None:
+    fences = [draw_fence(named_random(seed, "fence")) for seed in range(200)]
+    assert {fence.ceiling_m is None for fence in fences} == {True, False}
+    assert {fence.floor_over_ground_m == 0.0 for fence in fences} == {True, False}
+    assert {len(fence.keep_out) for fence in fences} == {0, 1, 2}
+    assert {fence.keep_in is None for fence in fences} == {True, False}

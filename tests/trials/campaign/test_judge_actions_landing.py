@@ -13,7 +13,7 @@ from jezero.schemas.estimate import Relative
 from jezero.schemas.goals import LandOnSpotGoal, LandResult
 from jezero.schemas.state import Truth
 from jezero.trials.campaign.judge import Judge
-from jezero.trials.campaign.judge_landing import LandOnSpotJudge
+from jezero.trials.campaign.judge_actions import LandOnSpotJudge
 
 S = 1_000_000_000
 STILL = (0.0, 0.0, 0.0)

@@ -14,9 +14,9 @@ from jezero.schemas.commands import AcquireReply, Phase, Setpoint
 from jezero.schemas.rows import Topic
 from jezero.schemas.state import StatusCode
 from jezero.trials.campaign.judge import Judge
-from jezero.trials.campaign.judge_bridge import BridgeJudge
+from jezero.trials.campaign.judge_control import BridgeJudge
 from jezero.vehicle_config import VehicleLimitsConfig
-from tests.trials.campaign.test_judge_fence import odometry, status
+from tests.trials.campaign.test_fence import odometry, status
 
 S = 1_000_000_000
 RULE = "only the owner's fresh setpoints"

@@ -1,10 +1,12 @@
-"""The campaign's rules of missions find what breaks them."""
+"""Missions that are drawn, and the rules of missions, which find what breaks them."""
 
 from collections.abc import Iterator
 from typing import Any
 
+import msgspec
 import pytest
 
+from jezero.plugins import all_actions
 from jezero.runtime.service import Call, Inbox, Output, Publish, Reply, Request, Spec
 from jezero.schemas import topics
 from jezero.schemas.goals import Goal, GoToGoal, ReturnHomeGoal
@@ -18,8 +20,10 @@ from jezero.schemas.mission import (
     WaitStep,
 )
 from jezero.schemas.state import InCharge, Status, StatusCode
+from jezero.services.mission.step_run import goal_of
 from jezero.trials.campaign.judge import Judge
-from jezero.trials.campaign.judge_mission import AWAY, END, FORWARD, STOPPED, MissionJudge
+from jezero.trials.campaign.mission import named_random
+from jezero.trials.campaign.missions import AWAY, END, FORWARD, STOPPED, MissionJudge, draw_mission
 
 S = 1_000_000_000
 RETURNS = GoalStep(label="1 go_to", action="go_to", goal={}, on_failure=FailurePolicy(then="return"))
@@ -190,3 +194,15 @@ def test_a_mission_ends_as_its_steps_say(ends: list[Output], broken: list[str]) 
     script = Script()
     script.put(*ends)
     assert script.broken == broken
+
+
+def test_every_step_of_a_drawn_mission_is_a_goal_of_its_action() -> None:
+    kinds = set()
+    for seed in range(200):
+        mission = draw_mission(named_random(seed, "mission"), 5, from_ground=True)
+        assert msgspec.convert(msgspec.to_builtins(mission), type(mission)) == mission
+        for step in mission.steps:
+            kinds.add(step.action if isinstance(step, GoalStep) else "wait")
+            if isinstance(step, GoalStep):
+                goal_of(all_actions()[step.action], step.goal, "g", 5)
+    assert kinds == {*all_actions(), "wait"}

@@ -12,7 +12,7 @@ from jezero.schemas.actions import Accepted, Result
 from jezero.schemas.commands import Phase, Setpoint
 from jezero.schemas.goals import Goal, GoToGoal, MoveResult
 from jezero.trials.campaign.judge import Judge
-from jezero.trials.campaign.judge_pauses import PauseJudge
+from jezero.trials.campaign.judge_actions import PauseJudge
 
 STEP_NS = 20_000_000
 TARGET_NED_M = (1.0, 0.0, -3.0)

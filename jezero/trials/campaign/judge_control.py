@@ -1,6 +1,11 @@
-"""Judge of the vehicle bridge: one owner of control, only fresh setpoints of that owner, no jump of a hover point."""
+"""Judges of who commands the vehicle: the bridge on one side of MAVLink, the autopilot on the other.
 
-from collections.abc import Iterator
+The bridge has one owner of control and sends only fresh setpoints of that owner; no hover point jumps. In offboard mode
+the autopilot gets setpoints or leaves the mode.
+"""
+
+import struct
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import dist, hypot, isfinite
 
@@ -14,8 +19,9 @@ from jezero.schemas.state import Odometry, Status
 from jezero.schemas.state import StatusCode as Code
 from jezero.schemas.struct import Message
 from jezero.schemas.units import NS_PER_S
+from jezero.services.autopilot.service import HIL, OFFBOARD
+from jezero.trials.campaign.fence import FenceShape
 from jezero.trials.campaign.judge import ALLOWED, IN_PROGRESS, Judge
-from jezero.trials.campaign.judge_fence import FenceShape
 from jezero.vehicle_config import VehicleLimitsConfig
 
 AGE_MAX_S = 0.3
@@ -349,3 +355,89 @@ def _is_same(previous: SentTarget, current: SentTarget, moved_ned_m: Vec3) -> bo
     return same_pos and (
         current.vel_ned_mps is None or dist(previous.vel_ned_mps or (), current.vel_ned_mps) < SAME_DISTANCE_MAX_M
     )
+
+
+# -- the autopilot ---------------------------------------------------------------------------------------
+
+OFFBOARD_LOSS_S = 1.3
+"""COM_OF_LOSS_T plus the time until the autopilot reacts."""
+SETPOINT_AGE_MAX_S = 0.3
+"""Highest age of a setpoint that reaches the autopilot, without the delays of link faults."""
+MODE_REPORT_PERIOD_MAX_NS = 1_100_000_000
+"""The autopilot sends its mode at least this often and at each change, but not while the link is down."""
+OFFBOARD_MODE = 6 << 16
+ARMED_BIT = dialect.MAV_MODE_FLAG_SAFETY_ARMED
+HEADER_BYTES = 10
+
+
+class AutopilotJudge:
+    """Service that runs an autopilot and checks that in offboard mode it gets setpoints or leaves the mode.
+
+    Args:
+        autopilot: the autopilot.
+        judge: collects the violations.
+        link_delay_max_ns: returns the longest delay by a fault of the MAVLink link so far.
+        on_gap: called with the time while the autopilot, in offboard mode, gets no setpoints or late ones.
+    """
+
+    def __init__(
+        self,
+        autopilot: Service,
+        judge: Judge,
+        link_delay_max_ns: Callable[[], int],
+        on_gap: Callable[[int], None] = lambda t_ns: None,
+    ) -> None:
+        self.spec = autopilot.spec
+        self._autopilot = autopilot
+        self._judge = judge
+        self._codec = MavlinkCodec(1, 201)
+        self._link_delay_max_ns = link_delay_max_ns
+        self._on_gap = on_gap
+        steps_at_once = OFFBOARD in autopilot.spec.triggers
+        self._stale_s = SETPOINT_AGE_MAX_S + (0.0 if steps_at_once else 1.0 / autopilot.spec.rate_hz)
+        self._commanded_ns: int | None = None
+        self._offboard_ns: int | None = None
+        """Time of the last heartbeat, if the vehicle was armed and in offboard mode; else None."""
+        self._stepped_ns = 0
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
+        for message in self._codec.parse(inbox.received(OFFBOARD)):
+            if message.get_msgId() == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
+                self._commanded_ns = t_ns
+                age_s = t_ns / NS_PER_S - message.time_boot_ms / 1000.0
+                if age_s > self._stale_s:
+                    self._on_gap(t_ns)
+                if age_s > self._stale_s + self._link_delay_max_ns() / NS_PER_S:
+                    text = f"the autopilot gets a setpoint that is {age_s:.2f} s old"
+                    self._judge.check(False, t_ns, "no stale setpoint", text)
+        for output in self._autopilot.step(t_ns, inbox):
+            if isinstance(output, Send) and output.link == OFFBOARD:
+                self._read(t_ns, output.data)
+            yield output
+        if HIL in self.spec.links and not inbox.is_up(HIL):
+            self._commanded_ns = t_ns  # without a simulator the autopilot's time stands still
+        mode_ns = self._offboard_ns if inbox.is_up(OFFBOARD) else None
+        if (
+            mode_ns is not None
+            and t_ns - mode_ns <= MODE_REPORT_PERIOD_MAX_NS
+            and t_ns - self._stepped_ns < MODE_REPORT_PERIOD_MAX_NS / 10
+        ):
+            silent_s = (t_ns - (self._commanded_ns or 0)) / NS_PER_S
+            if silent_s > SETPOINT_AGE_MAX_S:
+                self._on_gap(t_ns)
+            if silent_s > OFFBOARD_LOSS_S:
+                text = f"armed in offboard mode, and no setpoint for {silent_s:.2f} s"
+                self._judge.check(False, t_ns, "never without a commander", text)
+        self._stepped_ns = t_ns
+
+    def _read(self, t_ns: int, data: bytes) -> None:
+        """Read the mode from heartbeats. The bytes come from the autopilot itself, so they are well-formed."""
+        at = 0
+        while at + HEADER_BYTES <= len(data) and data[at] == 0xFD:
+            length = data[at + 1]
+            if data[at + 7 : at + 10] == b"\0\0\0":
+                payload = data[at + HEADER_BYTES : at + HEADER_BYTES + length].ljust(9, b"\0")
+                custom_mode, _, _, base_mode = struct.unpack_from("<IBBB", payload)
+                offboard = custom_mode == OFFBOARD_MODE and bool(base_mode & ARMED_BIT)
+                self._offboard_ns = t_ns if offboard else None
+            at += HEADER_BYTES + length + 2 + (13 if data[at + 2] & 1 else 0)
