@@ -7,6 +7,7 @@ from importlib import import_module
 import click
 import msgspec
 
+from jezero.cli.options import simulator_origin
 from jezero.cli.reference.actions import action_rows, field_rows
 from jezero.cli.reference.topics import Row, endpoint_rows, mermaid, service_rows, topic_rows
 from jezero.cli.reference.words import cell
@@ -40,10 +41,7 @@ def reference_page(name: str) -> str:
 @JSON
 def origin(as_json: bool) -> None:
     """Show the world's origin by the simulator's settings; `jezero status` shows that of a running stack."""
-    from jezero.runtime.config import load_config
-    from jezero.services.simulator.config import SimulatorConfig
-
-    origin_deg = load_config(SimulatorConfig, "simulator").origin.origin_deg
+    origin_deg = simulator_origin().origin_deg
     text = "latitude {:.7f}, longitude {:.7f}, {:.1f} m".format(*origin_deg)
     click.echo(json.dumps({"origin_deg": origin_deg}) if as_json else text)
 

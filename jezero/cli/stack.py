@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 import click
 
 from jezero.cli.options import INSECURE, KEYS, Router, insecure_option, keys_option
-from jezero.cli.terminal import FAILED, REFUSED
+from jezero.cli.terminal import FAILED, REFUSED, print_table
 from jezero.keys.bundle import INSECURE_VARIABLE
 from jezero.keys.bundle import VARIABLE as KEYS_VARIABLE
 from jezero.private_files import keep_private
@@ -385,7 +385,7 @@ def ps(as_json: bool, healthy: str | None, run_dir: Path | None) -> None:
     elif state is None:
         click.echo(f"nothing runs in {folder.path}")
     else:
-        _print_table(state)
+        _print_state(state)
 
 
 def _is_healthy(service: str, timeout_s: float = 3.0) -> bool:
@@ -404,7 +404,7 @@ def _is_healthy(service: str, timeout_s: float = 3.0) -> bool:
         return watcher.report(service).healthy
 
 
-def _print_table(state: "RunState") -> None:
+def _print_state(state: "RunState") -> None:
     """Print a table, and whether the vehicle is ready."""
     rows = [("SERVICE", "STATE", "HEALTH", "PID", "UP", "RESTARTS", "")]
     for s in state.services:
@@ -412,9 +412,7 @@ def _print_table(state: "RunState") -> None:
         rows.append(
             (s.service, s.state, s.health, str(s.pid or ""), _span(up_s), str(s.restarts or ""), s.text.split("\n")[0])
         )
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    for row in rows:
-        click.echo("  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())
+    print_table(rows)
     ready = "ready" if state.ready else f"not ready: {state.not_ready_reason}"
     click.echo(f"\nvehicle {state.vehicle} on {state.router}, launcher process {state.launcher_pid}: {ready}")
     for line in state.addresses:

@@ -7,7 +7,7 @@ import sys
 import termios
 import time
 import tty
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NoReturn, Self
@@ -94,6 +94,13 @@ class Printer:
         if self._bar is not None:
             self._bar.stop()
             self._bar = None
+
+
+def print_table(rows: Sequence[tuple[str, ...]]) -> None:
+    """Print rows whose columns are as wide as their longest cell; the first row has the titles."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        click.echo("  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())
 
 
 @contextmanager
