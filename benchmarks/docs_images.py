@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from PIL import Image as Pillow
 
-from jezero.cli.mapping import M_PER_PX
+from jezero.cli.survey import M_PER_PX
 from jezero.frames import quat_from_euler
 from jezero.mapping.alignment import align
 from jezero.mapping.ground import fit_ground

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from jezero.cli.reference.pages import PAGES, reference_page
+from jezero.cli.info import PAGES, reference_page
 from jezero.cli.reference.settings import FILES
 from jezero.cli.reference.topics import all_specs, all_topics
 from jezero.deploy.launcher.compose import parse

@@ -39,8 +39,7 @@ from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.service import Camera
 from jezero.services.simulator.camera.view import View
 from jezero.services.simulator.config import SimulatorConfig, WindConfig
-from jezero.trials.rover_driver import RoverDriver
-from jezero.trials.stack import boot_id, service_makers, wired_bus
+from jezero.trials.stack import RoverDriver, boot_id, service_makers, wired_bus
 from jezero.vehicle_config import CameraMountConfig, VehicleConfig
 
 Array = NDArray[np.float64]

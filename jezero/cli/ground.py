@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jezero.cli.recording import RECORDING_PATH
-from jezero.cli.shared import Router, insecure_option, keys_option
+from jezero.cli.options import RECORDING_PATH, Router, insecure_option, keys_option
 
 if TYPE_CHECKING:
     from jezero.services.ground_station.config import GroundStationConfig

@@ -2,49 +2,19 @@
 
 import json
 from collections.abc import Sequence
+from importlib import import_module
 
 import click
 import msgspec
 
-from jezero.cli.reference.action_description import action_rows, field_rows
-from jezero.cli.reference.markdown import cell
-from jezero.cli.reference.pages import PAGES, reference_page
+from jezero.cli.options import simulator_origin
+from jezero.cli.reference.actions import action_rows, field_rows
 from jezero.cli.reference.topics import Row, endpoint_rows, mermaid, service_rows, topic_rows
+from jezero.cli.reference.words import cell
 
+PAGES = ("topics", "actions", "settings", "commands")
+"""Names of the pages: each is a module of `jezero.cli.reference` with a function `page`."""
 TABLE_WIDTH_MIN, COLUMN_WIDTH_MAX = 120, 40
-
-
-def _print(rows: Sequence[Row], *, as_json: bool) -> None:
-    if as_json:
-        for row in rows:
-            click.echo(json.dumps(row))
-        return
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(box=box.SIMPLE_HEAD)
-    *names, last = rows[0]
-    for name in names:
-        longest = max(len(cell(row[name])) for row in rows)
-        table.add_column(name, no_wrap=longest <= COLUMN_WIDTH_MAX, max_width=COLUMN_WIDTH_MAX)
-    table.add_column(last)
-    for row in rows:
-        table.add_row(*map(cell, row.values()))
-    console = Console()
-    Console(width=max(console.width, TABLE_WIDTH_MIN)).print(table)
-
-
-def _print_services(rows: Sequence[Row]) -> None:
-    """One paragraph a service, one line for each kind of declaration that it has."""
-    for row in rows:
-        name, *kinds = row
-        click.secho(row[name], bold=True)
-        for kind in kinds:
-            if row[kind]:
-                click.echo(click.wrap_text(cell(row[kind]), 110, f"  {kind:<11}", " " * 13))
-
-
 JSON = click.option("--json", "as_json", is_flag=True, help="One JSON object per line.")
 MERMAID = click.option("--mermaid", "as_mermaid", is_flag=True, help="The graph of services as a Mermaid flowchart.")
 
@@ -61,14 +31,17 @@ def page(name: str) -> None:
     click.echo(reference_page(name), nl=False)
 
 
+def reference_page(name: str) -> str:
+    """The page docs/reference/<name>.md."""
+    text: str = import_module(f"jezero.cli.reference.{name}").page()
+    return text
+
+
 @info.command()
 @JSON
 def origin(as_json: bool) -> None:
     """Show the world's origin by the simulator's settings; `jezero status` shows that of a running stack."""
-    from jezero.runtime.config import load_config
-    from jezero.services.simulator.config import SimulatorConfig
-
-    origin_deg = load_config(SimulatorConfig, "simulator").origin.origin_deg
+    origin_deg = simulator_origin().origin_deg
     text = "latitude {:.7f}, longitude {:.7f}, {:.1f} m".format(*origin_deg)
     click.echo(json.dumps({"origin_deg": origin_deg}) if as_json else text)
 
@@ -128,3 +101,34 @@ def services(as_json: bool, as_mermaid: bool) -> None:
             _print(rows, as_json=True)
         else:
             _print_services(rows)
+
+
+def _print(rows: Sequence[Row], *, as_json: bool) -> None:
+    if as_json:
+        for row in rows:
+            click.echo(json.dumps(row))
+        return
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD)
+    *names, last = rows[0]
+    for name in names:
+        longest = max(len(cell(row[name])) for row in rows)
+        table.add_column(name, no_wrap=longest <= COLUMN_WIDTH_MAX, max_width=COLUMN_WIDTH_MAX)
+    table.add_column(last)
+    for row in rows:
+        table.add_row(*map(cell, row.values()))
+    console = Console()
+    Console(width=max(console.width, TABLE_WIDTH_MIN)).print(table)
+
+
+def _print_services(rows: Sequence[Row]) -> None:
+    """One paragraph a service, one line for each kind of declaration that it has."""
+    for row in rows:
+        name, *kinds = row
+        click.secho(row[name], bold=True)
+        for kind in kinds:
+            if row[kind]:
+                click.echo(click.wrap_text(cell(row[kind]), 110, f"  {kind:<11}", " " * 13))

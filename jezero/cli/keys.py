@@ -1,6 +1,6 @@
 """`jezero keys`: the certificates with which a team's computers and people speak TLS with each other."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from jezero.cli.terminal import print_table
 from jezero.keys.members import HOST_ROLES, MEMBERS, ROLES, KeysError, Member, Role
 
 if TYPE_CHECKING:
@@ -132,7 +133,7 @@ def list_(as_json: bool, team: Path | None) -> None:
             click.echo(msgspec.json.encode({"authority_expires": expires, "members": members}).decode())
             return
         now = datetime.now(UTC)
-        rows = [("authority", "", _expiry(expires, now), "")]
+        rows = [("name", "role", "valid until", "addresses"), ("authority", "", _expiry(expires, now), "")]
         rows += [
             (
                 member.name,
@@ -142,13 +143,7 @@ def list_(as_json: bool, team: Path | None) -> None:
             )
             for member in members
         ]
-        _print_table(("name", "role", "valid until", "addresses"), rows)
-
-
-def _print_table(titles: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
-    widths = [max(len(row[column]) for row in (titles, *rows)) for column in range(len(titles))]
-    for row in (titles, *rows):
-        click.echo("  ".join(f"{cell:{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())
+        print_table(rows)
 
 
 def _expiry(expires: datetime, now: datetime) -> str:

@@ -1,39 +1,51 @@
-"""`jezero getimages` and `jezero gridsweep`: goals that take images."""
+"""The commands of the section "Survey": images of a target, images of an area and its plan, and the map of them."""
 
+import json
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from math import radians
 from pathlib import Path
+from time import strftime
 from typing import TYPE_CHECKING, Any, cast
 
 import click
 import msgspec
 from click.core import ParameterSource
 
-from jezero.cli.area import (
-    CoverageRequest,
+from jezero.cli.goals import agreed_plan, as_planned, flight_in_words, minutes, send_goal, take_pictures
+from jezero.cli.options import (
+    FINITE,
+    FRAMES,
+    NUMBERS,
+    ROUTER_WAIT_S,
+    FiniteRange,
     Origin,
-    area_options,
-    around_origin,
-    place_in_words,
-    read_polygon_file,
+    flight_options,
+    origin_option,
+    simulator_origin,
     vehicle_origin,
 )
-from jezero.cli.coverage_plan import show_coverage_plan
-from jezero.cli.pictures import PNG_OR_JPG, default_folder, take_pictures
-from jezero.cli.plan import agreed_plan, as_planned, send_goal
-from jezero.cli.shared import FINITE, FRAMES, NUMBERS, FiniteRange, Printer, connected, flight_options
+from jezero.cli.terminal import Printer, connected
 from jezero.os_errors import write_whole
 from jezero.private_files import keep_private
 
 if TYPE_CHECKING:
-    from jezero import Vehicle
+    from jezero.area_files import FilePolygon
+    from jezero.client import Vehicle
     from jezero.client.dataset import Dataset, Kind
-    from jezero.schemas.goals import AreaCoverageGoal, Frame
+    from jezero.mapping.making import Map
+    from jezero.schemas.actions import PlannedCoverage, PlanReply
+    from jezero.schemas.fence import Fence
+    from jezero.schemas.goals import AreaCoverageGoal, Corners, Frame
 
+PNG_OR_JPG = click.Choice(["jpg", "png"])
 RESUME_OPTIONS = {"resume", "kind", "yes", "vehicle", "router", "as_json"}
 """Parameters that a resumed coverage uses; the others are those of the coverage that ended early."""
 DRAWING = Path("runs/plan.png")
 RESUME = "resume.json"
 """File with the goal that takes the missing images, in the folder of an incomplete coverage."""
+M_PER_PX = 0.02
+"""Resolution of a map."""
 
 
 @click.command(context_settings=NUMBERS)
@@ -89,9 +101,27 @@ def getimages(
         take_pictures(printer, send_goal(printer, uav, GET_IMAGES, goal, yes=yes), "getimages", dataset)
 
 
+def _new_dataset(out: Path | None, kind: str) -> "Dataset":
+    from jezero.client.dataset import Dataset
+
+    keep_private()
+    try:
+        return Dataset(out or Path("runs") / strftime("%Y-%m-%d_%H-%M-%S"), cast("Kind", kind))
+    except FileExistsError as error:
+        raise click.ClickException(str(error)) from None
+
+
 @click.command(context_settings=NUMBERS)
 @click.argument("frame", type=FRAMES, default="world")
-@area_options
+@click.option(
+    "--polygon",
+    "file",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="File of the area, see above.",
+)
+@click.option("--feature", metavar="NAME|N", help="The area of this name or number, if the file has several.")
+@click.option("--metres", is_flag=True, help="The file is in metres: [north, east], or by its headings.")
+@origin_option("Degrees of the world's origin for --plan-only without a stack [the simulator's].")
 @click.option("--z", "z_ned_m", type=FINITE, help="Height of the flight, NED: 5 m up is -5.")
 @click.option(
     "--margin",
@@ -159,7 +189,7 @@ def gridsweep(
     _refuse_unused(plan_only=plan_only, resume=resume)
     if plan_only:
         file = _drawing(out)
-        show_coverage_plan(_request(**given), origin, file, vehicle=vehicle, router=router, as_json=as_json)
+        _show_plan(_request(**given), origin, file, vehicle=vehicle, router=router, as_json=as_json)
         return
     if origin is not None:
         raise click.UsageError("--origin is for --plan-only: a vehicle that flies has its own")
@@ -179,38 +209,6 @@ def gridsweep(
         _fly_coverage(printer, uav, goal, dataset, yes=yes, is_new=resume is None)
 
 
-def _fly_coverage(
-    printer: Printer, uav: "Vehicle", goal: "AreaCoverageGoal", dataset: "Dataset", *, yes: bool, is_new: bool
-) -> None:
-    """Fly a coverage as the user has agreed to its plan, and save its images and what is needed to resume it."""
-    from jezero.schemas.topics import AREA_COVERAGE
-
-    plan = agreed_plan(printer, uav, AREA_COVERAGE, goal, yes=yes)
-    images_goal: Any = uav.send(AREA_COVERAGE, as_planned(goal, plan))
-    # with its start, the same path can be resumed if its server dies, and drawn beside the one flown
-    start_ned_m = goal.start_ned_m if plan.coverage is None else plan.coverage.start_ned_m
-    goal = msgspec.structs.replace(goal, plan_id="", start_ned_m=start_ned_m)
-    if is_new:
-        dataset.note(goal=goal)
-    _write_resume_goal(dataset.folder, goal)
-    take_pictures(
-        printer, images_goal, "gridsweep", dataset, lambda result: _write_resume_goal(dataset.folder, result.resume)
-    )
-
-
-def _placed(
-    pending: "AreaCoverageGoal | CoverageRequest", printer: Printer, known: Origin | None
-) -> "AreaCoverageGoal":
-    """The goal around the vehicle's origin; prints where a new area is."""
-    if not isinstance(pending, CoverageRequest):
-        return around_origin(pending, known)
-    goal = pending.goal(known)
-    printer.event(
-        "area", f"area: {place_in_words(goal, known)}", origin_deg=None if known is None else known.position_deg
-    )
-    return goal
-
-
 def _refuse_unused(*, plan_only: bool, resume: Path | None) -> None:
     """Refuse options that a plan without a flight, or a resumed coverage, would not use."""
     context = click.get_current_context()
@@ -228,6 +226,76 @@ def _refuse_unused(*, plan_only: bool, resume: Path | None) -> None:
         )
 
 
+@dataclass(frozen=True)
+class CoverageRequest:
+    """A coverage whose area is not placed in the world yet.
+
+    Attributes:
+        polygon: the area as its file has it.
+        fields: the goal's other fields.
+    """
+
+    polygon: "FilePolygon"
+    fields: dict[str, Any]
+
+    def goal(self, origin: Origin | None) -> "AreaCoverageGoal":
+        """Place the area. Without an origin, it must be in metres."""
+        from jezero.area_files import AreaFileError, place
+        from jezero.schemas.goals import AreaCoverageGoal
+
+        try:
+            area = place(self.polygon, None if origin is None else origin.position_deg)
+        except AreaFileError as error:
+            raise click.ClickException(str(error)) from None
+        return AreaCoverageGoal(
+            polygon_ned_m=area.polygon_ned_m, holes_ned_m=area.holes_ned_m, origin_deg=area.origin_deg, **self.fields
+        )
+
+
+def _request(file: Path | None, feature: str | None, metres: bool, **fields: Any) -> CoverageRequest:
+    """Make a coverage from the options; asks for the missing values."""
+    from jezero.area_files import FilePolygon
+
+    if file is None:
+        polygon = FilePolygon("", "the area", (_prompt_for_corners(),), in_metres=True)
+    else:
+        polygon = _read_polygon(file, feature, metres=metres, frame=fields["frame"])
+    angle_deg = fields.pop("angle_deg")
+    fields["angle_rad"] = None if angle_deg is None else radians(angle_deg)
+    if fields["z_ned_m"] is None:
+        fields["z_ned_m"] = click.prompt("Enter altitude", type=FINITE)
+    if fields["resolution_m"] is None and fields["overlap"] is None and fields["sidelap"] is None:
+        fields["resolution_m"] = click.prompt("Enter resolution", type=FINITE)
+    return CoverageRequest(polygon, fields)
+
+
+def _prompt_for_corners() -> tuple[tuple[float, float], ...]:
+    """Ask for the corners as in the thesis' Fig. 3.13."""
+    corners = []
+    for number in range(1, click.prompt("Enter number of grid points", type=click.IntRange(3, 1000)) + 1):
+        click.echo(f"Grid point n. {number} :")
+        corners.append(
+            (click.prompt("Enter x coordinate", type=FINITE), click.prompt("Enter y coordinate", type=FINITE))
+        )
+    return tuple(corners)
+
+
+def _read_polygon(file: Path, feature: str | None, *, metres: bool, frame: str) -> "FilePolygon":
+    """Read the polygon of an area; in the rover's frame it must be in metres."""
+    from jezero.area_files import AreaFileError, read_polygon
+
+    try:
+        polygon = read_polygon(file, feature=feature, metres=metres)
+    except AreaFileError as error:
+        raise click.ClickException(str(error)) from None
+    if frame == "rover" and not polygon.in_metres:
+        raise click.ClickException(
+            f"{polygon.place} is in degrees, which are never relative to the rover: leave out `rover`, or add --metres "
+            "to a file in metres"
+        )
+    return polygon
+
+
 def _drawing(out: Path | None) -> Path:
     """File of a plan's drawing."""
     if out is None:
@@ -237,14 +305,202 @@ def _drawing(out: Path | None) -> Path:
     return out
 
 
-def _new_dataset(out: Path | None, kind: str) -> "Dataset":
-    from jezero.client.dataset import Dataset
+@dataclass(frozen=True)
+class _Planned:
+    """A plan that is not flown.
 
-    keep_private()
+    Attributes:
+        start: where its path begins, and why there, for people.
+        reply: of the stack that would fly it; None for a plan that no stack knows.
+        fence: the vehicle's fence; None without one, and for a plan in the rover's frame.
+    """
+
+    goal: "AreaCoverageGoal"
+    origin: Origin
+    coverage: "PlannedCoverage"
+    warning: str
+    start: str
+    reply: "PlanReply | None" = None
+    fence: "Fence | None" = None
+
+
+def _show_plan(
+    request: CoverageRequest, origin: Origin | None, file: Path, *, vehicle: str, router: str, as_json: bool
+) -> None:
+    """Plan a coverage, draw it into a file, and print its figures.
+
+    A running stack plans it as it would fly it. With an origin of its own, the plan is not that of a stack.
+    """
+    from jezero.report.coverage_plot import draw_plan
+    from jezero.services.actions.area_coverage.area import make_area
+
+    planned = _plan_of_stack(request, vehicle, router) if origin is None else None
+    if planned is None:
+        place = origin or simulator_origin()
+        start = "assumed at the vehicle's place before a flight, 0 0, as no stack is asked"
+        planned = _plan_here(request, place, (0.0, 0.0), start)
+    goal, coverage = planned.goal, planned.coverage
+    area = make_area(goal.polygon_ned_m, goal.holes_ned_m)
+    title = f"{len(coverage.pictures_ned_m)} images, {coverage.length_m:.0f} m, {minutes(coverage.duration_s)}"
+    draw_plan(file, area, coverage, title, planned.fence)
+    if as_json:
+        click.echo(json.dumps(_plan_fields(planned)))
+        return
+    shares = f"{100.0 * coverage.covered:.1f} % of it swept, {100.0 * coverage.photographed:.1f} % photographed"
+    click.echo(f"area        {area.area:.1f} m², {shares}")
+    click.echo(f"place       {place_in_words(goal, planned.origin)}")
+    lines = f"lines {coverage.line_distance_m:.3g} m apart"
+    click.echo(f"path        {coverage.length_m:.1f} m in {coverage.duration_s:.0f} s, {lines}")
+    click.echo(f"images      {len(coverage.pictures_ned_m)}, every {coverage.picture_distance_m:.3g} m")
+    click.echo(f"start       {planned.start}")
+    if planned.reply is not None:
+        click.echo(f"flight      {flight_in_words(planned.reply)}")
+        click.echo(f"plan        {coverage.plan_id}: with --plan-id {coverage.plan_id} exactly this plan is flown")
+    click.echo(f"drawn in    {file}")
+    if planned.warning:
+        click.echo(f"warning: {planned.warning}", err=True)
+
+
+def place_in_words(goal: "AreaCoverageGoal", origin: Origin | None) -> str:
+    """Where the area of a goal lies."""
+    norths_m, easts_m = zip(*goal.polygon_ned_m, strict=True)
+    ends_m = (round(end_m) for end_m in (min(norths_m), max(norths_m), min(easts_m), max(easts_m)))
+    where = "north {} to {} m, east {} to {} m".format(*ends_m)
+    if goal.frame == "rover":
+        return f"{where} from the rover's platform"
+    at = "" if origin is None else f" at {origin} ({origin.source})"
+    return f"{where} from the world's origin{at}"
+
+
+def _plan_of_stack(request: CoverageRequest, vehicle: str, router: str) -> _Planned | None:
+    """The plan as the running stack would fly it; None without a stack."""
+    from jezero.client import TimedOut, Unreachable, Vehicle
+
     try:
-        return Dataset(out or default_folder(), cast("Kind", kind))
-    except FileExistsError as error:
-        raise click.ClickException(str(error)) from None
+        with Vehicle.connect(vehicle, router=router, insecure=True, timeout_s=ROUTER_WAIT_S) as uav:
+            planned = _ask_stack(request, uav)
+            if planned is not None and planned.goal.frame == "world":
+                with suppress(Unreachable, TimedOut):  # a bridge of an earlier version publishes no fence
+                    return replace(planned, fence=uav.fence().fence)
+            return planned
+    except (Unreachable, TimedOut):
+        return None
+
+
+def _ask_stack(request: CoverageRequest, uav: "Vehicle") -> _Planned | None:
+    """The plan by a stack; from the vehicle's position also if the stack would refuse to fly it now."""
+    from jezero.client import Refused
+    from jezero.schemas.topics import AREA_COVERAGE
+
+    odometry = uav.status().odometry
+    if odometry is None:
+        return None
+    origin = vehicle_origin(odometry) or simulator_origin()
+    goal = request.goal(origin)
+    north_m, east_m, _ = odometry.pos_uav_ned_m
+    at = f"at the vehicle, {north_m:.1f} m north and {east_m:.1f} m east"
+    try:
+        reply = uav.plan(AREA_COVERAGE, goal)
+    except Refused as error:
+        if goal.frame == "rover":
+            raise click.ClickException(str(error)) from None
+        return _plan_here(request, origin, (north_m, east_m), f"{at}; it would not fly now: {error}")
+    if reply.coverage is None:
+        return None
+    return _Planned(
+        goal, origin, reply.coverage, reply.warning, "at the vehicle" if goal.frame == "rover" else at, reply
+    )
+
+
+def _plan_here(request: CoverageRequest, origin: Origin, start_m: tuple[float, float], start: str) -> _Planned:
+    """A plan by this command itself, for a vehicle that hovers at a point of the goal's frame."""
+    from jezero.services.actions.area_coverage.planner import plan_or_refuse
+    from jezero.services.actions.config import load_actions_config
+    from jezero.services.actions.motion.behaviour import Refusal
+
+    goal = request.goal(origin)
+    try:
+        msgspec.convert(msgspec.to_builtins(goal), type(goal))  # as a server would check its numbers
+    except msgspec.ValidationError as error:
+        raise click.ClickException(f"the goal has a wrong number: {error}") from None
+    made = plan_or_refuse(goal, load_actions_config(), start_m, (0.0, 0.0, 0.0))
+    if isinstance(made, Refusal):
+        raise click.ClickException(made.reason)
+    return _Planned(goal, origin, made.shown, made.plan.warning, start)
+
+
+def _plan_fields(planned: _Planned) -> dict[str, object]:
+    """The plan for programs."""
+    coverage, reply = planned.coverage, planned.reply
+    return {
+        "plan_id": None if reply is None else coverage.plan_id,
+        "path_ned_m": coverage.path_ned_m,
+        "pictures_ned_m": coverage.pictures_ned_m,
+        "start_ned_m": coverage.start_ned_m,
+        "length_m": round(coverage.length_m, 3),
+        "time_s": round(coverage.duration_s, 3),
+        "covered": round(coverage.covered, 5),
+        "photographed": round(coverage.photographed, 5),
+        "warning": planned.warning,
+        "start": planned.start,
+        "battery_used": None if reply is None else reply.battery_used,
+        "origin_deg": planned.origin.position_deg,
+    }
+
+
+def _placed(
+    pending: "AreaCoverageGoal | CoverageRequest", printer: Printer, known: Origin | None
+) -> "AreaCoverageGoal":
+    """The goal around the vehicle's origin; prints where a new area is."""
+    if not isinstance(pending, CoverageRequest):
+        return around_origin(pending, known)
+    goal = pending.goal(known)
+    printer.event(
+        "area", f"area: {place_in_words(goal, known)}", origin_deg=None if known is None else known.position_deg
+    )
+    return goal
+
+
+def around_origin(goal: "AreaCoverageGoal", origin: Origin | None) -> "AreaCoverageGoal":
+    """The goal of an earlier flight around the vehicle's present origin, which an autopilot places where it starts.
+
+    The area is moved as a whole, so that it keeps its plan and the numbers of its images. An area in metres stays.
+    """
+    from jezero.frames import ned_from_geodetic
+
+    if origin is None or goal.origin_deg is None or goal.origin_deg == origin.position_deg:
+        return goal
+    by_north_m, by_east_m, _ = ned_from_geodetic((*goal.origin_deg, 0.0), (*origin.position_deg, 0.0))
+
+    def moved(corners_m: "Corners") -> "Corners":
+        return tuple((north_m + by_north_m, east_m + by_east_m) for north_m, east_m in corners_m)
+
+    return msgspec.structs.replace(
+        goal,
+        origin_deg=origin.position_deg,
+        polygon_ned_m=moved(goal.polygon_ned_m),
+        holes_ned_m=tuple(map(moved, goal.holes_ned_m)),
+        start_ned_m=None if goal.start_ned_m is None else moved((goal.start_ned_m,))[0],
+    )
+
+
+def _fly_coverage(
+    printer: Printer, uav: "Vehicle", goal: "AreaCoverageGoal", dataset: "Dataset", *, yes: bool, is_new: bool
+) -> None:
+    """Fly a coverage as the user has agreed to its plan, and save its images and what is needed to resume it."""
+    from jezero.schemas.topics import AREA_COVERAGE
+
+    plan = agreed_plan(printer, uav, AREA_COVERAGE, goal, yes=yes)
+    images_goal: Any = uav.send(AREA_COVERAGE, as_planned(goal, plan))
+    # with its start, the same path can be resumed if its server dies, and drawn beside the one flown
+    start_ned_m = goal.start_ned_m if plan.coverage is None else plan.coverage.start_ned_m
+    goal = msgspec.structs.replace(goal, plan_id="", start_ned_m=start_ned_m)
+    if is_new:
+        dataset.note(goal=goal)
+    _write_resume_goal(dataset.folder, goal)
+    take_pictures(
+        printer, images_goal, "gridsweep", dataset, lambda result: _write_resume_goal(dataset.folder, result.resume)
+    )
 
 
 def _resumed(folder: Path, kind: str) -> "tuple[AreaCoverageGoal | None, Dataset]":
@@ -285,29 +541,84 @@ def _write_resume_goal(folder: Path, goal: "AreaCoverageGoal | None") -> None:
         write_whole(file, msgspec.json.format(msgspec.json.encode(goal), indent=1) + b"\n")
 
 
-def _request(file: Path | None, feature: str | None, metres: bool, **fields: Any) -> CoverageRequest:
-    """Make a coverage from the options; asks for the missing values."""
-    from jezero.area_files import FilePolygon
+@click.command("map")
+@click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.option(
+    "--resolution",
+    "m_per_px",
+    type=FiniteRange(0.001, 10.0),
+    default=M_PER_PX,
+    show_default=True,
+    help="Metres per pixel.",
+)
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="The map's file [FOLDER/map.png].")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object per line, the result last.")
+def map_(folder: Path, m_per_px: float, out: Path | None, as_json: bool) -> None:
+    """Make a map from a coverage's images in FOLDER: a PNG with north at the top, a GeoTIFF and a KML overlay.
 
-    if file is None:
-        polygon = FilePolygon("", "the area", (_prompt_for_corners(),), in_metres=True)
-    else:
-        polygon = read_polygon_file(file, feature, metres=metres, frame=fields["frame"])
-    angle_deg = fields.pop("angle_deg")
-    fields["angle_rad"] = None if angle_deg is None else radians(angle_deg)
-    if fields["z_ned_m"] is None:
-        fields["z_ned_m"] = click.prompt("Enter altitude", type=FINITE)
-    if fields["resolution_m"] is None and fields["overlap"] is None and fields["sidelap"] is None:
-        fields["resolution_m"] = click.prompt("Enter resolution", type=FINITE)
-    return CoverageRequest(polygon, fields)
+    The PNG's world file is in metres of the world frame, x to the east and y to the north; the GeoTIFF and the overlay
+    are in degrees. The ground's height comes from the altimeter; features that images have in common correct their
+    positions.
+    """
+    map_pictures(Printer(as_json), folder, m_per_px, out)
 
 
-def _prompt_for_corners() -> tuple[tuple[float, float], ...]:
-    """Ask for the corners as in the thesis' Fig. 3.13."""
-    corners = []
-    for number in range(1, click.prompt("Enter number of grid points", type=click.IntRange(3, 1000)) + 1):
-        click.echo(f"Grid point n. {number} :")
-        corners.append(
-            (click.prompt("Enter x coordinate", type=FINITE), click.prompt("Enter y coordinate", type=FINITE))
+def map_pictures(printer: Printer, folder: Path, m_per_px: float = M_PER_PX, out: Path | None = None) -> None:
+    """Make a map from a folder's images and print a summary.
+
+    Raises:
+        click.ClickException: the folder has no images, or they cannot be mapped.
+    """
+    from jezero.mapping.making import make_map
+    from jezero.mapping.survey import SurveyError
+    from jezero.runtime.config import load_config
+    from jezero.vehicle_config import VehicleConfig
+
+    file = (out or folder / "map.png").with_suffix(".png")
+    try:
+        made = make_map(folder, m_per_px, load_config(VehicleConfig, "vehicle"))
+        files = made.save(file)
+    except SurveyError as error:
+        raise click.ClickException(str(error)) from None
+    height_px, width_px, _ = made.mosaic.pixels.shape
+    alignment = made.alignment
+    printer.event(
+        "result",
+        f"{_alignment_text(made)}\nmap of {width_px} x {height_px} pixels, {made.description}\n"
+        f"wrote {', '.join(str(path) for path in files)}{_origin_text(made)}",
+        outcome="succeeded",
+        file=str(file),
+        files=[str(path) for path in files],
+        m_per_px=m_per_px,
+        picture_m_per_px=made.picture_m_per_px,
+        origin_deg=made.origin_deg,
+        pictures=made.pictures,
+        pairs=alignment.pairs,
+        groups=alignment.groups,
+        apart_before_m=alignment.before_m if alignment.pairs else None,
+        apart_after_m=alignment.after_m if alignment.pairs else None,
+    )
+
+
+def _alignment_text(made: "Map") -> str:
+    alignment = made.alignment
+    if alignment.pairs == 0:
+        return f"{made.pictures} images without ground in common: each is placed by the vehicle's own position"
+    text = (
+        f"{made.pictures} images, {alignment.pairs} pairs with ground in common; median offset before alignment "
+        f"{100.0 * alignment.before_m:.1f} cm, after it {100.0 * alignment.after_m:.1f} cm"
+    )
+    if len(alignment.groups) > 1:
+        sizes = ", ".join(str(size) for size in alignment.groups)
+        text += (
+            f"\nwarning: {len(alignment.groups)} groups of images ({sizes}) have no ground in common: where they meet, "
+            "the map may be off by the errors of the vehicle's position; take pictures of the ground between them"
         )
-    return tuple(corners)
+    return text
+
+
+def _origin_text(made: "Map") -> str:
+    if made.origin_deg is None:
+        return "\nthe images have no position in degrees, so there is no GeoTIFF and no KML"
+    latitude, longitude, _ = made.origin_deg
+    return f"\nthe map's origin is at latitude {latitude:.7f}, longitude {longitude:.7f}"

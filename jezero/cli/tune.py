@@ -11,8 +11,8 @@ import click
 import msgspec
 from rich.console import Console
 
-from jezero.cli.recording import RECORDING_PATH
-from jezero.cli.replay_through import changed_settings
+from jezero.cli.options import RECORDING_PATH
+from jezero.cli.replay import changed_settings
 
 if TYPE_CHECKING:
     from jezero.tuning.consistency import Consistency

@@ -20,10 +20,9 @@ from jezero.schemas.rows import Action
 from jezero.schemas.state import Status, StatusCode, Truth
 from jezero.schemas.units import NS_PER_S
 from jezero.services.simulator.camera.config import CameraConfig
-from jezero.trials.digest import MessageDigest
 from jezero.trials.goals import wait_for_result
 from jezero.trials.platform import off_platform_reason, offset_m
-from jezero.trials.recording import virtual_recording
+from jezero.trials.recording import MessageDigest, virtual_recording
 from jezero.trials.stack import build_stack
 from jezero.vehicle_config import VehicleConfig
 

@@ -14,8 +14,7 @@ from jezero.schemas.rows import Action
 from jezero.schemas.state import Status
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.config import SimulatorConfig
-from jezero.trials.campaign.blank_camera import BlankCamera
-from jezero.trials.stack import build_stack
+from jezero.trials.stack import BlankCamera, build_stack
 from jezero.vehicle_config import VehicleConfig
 
 READY_TIMEOUT_S = 60.0

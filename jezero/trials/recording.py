@@ -1,7 +1,9 @@
-"""Recordings of flights in virtual time, with the recorder's settings."""
+"""What is kept of a flight in virtual time: its recording, by the recorder's settings, and the hash of its messages."""
 
+import hashlib
 from pathlib import Path
 
+from jezero.codec import split_attachment
 from jezero.recording.about import about
 from jezero.recording.viewer_scene import ViewerScene
 from jezero.recording.writer import RecordingWriter
@@ -28,3 +30,18 @@ def virtual_recording(path: Path, seed: int, **origin: str) -> RecordingWriter:
         image_format=load_config(RecorderConfig, "recorder").image_format,
         scene=ViewerScene(load_config(VehicleConfig, "vehicle")),
     )
+
+
+class MessageDigest:
+    """SHA-256 of the messages of a bus, of images the header only."""
+
+    def __init__(self) -> None:
+        self._digest = hashlib.sha256()
+
+    def update(self, t_ns: int, topic: str, data: bytes) -> None:
+        """Add one message."""
+        self._digest.update(b"%d %s %b\n" % (t_ns, topic.encode(), split_attachment(data)[0]))
+
+    def hexdigest(self) -> str:
+        """The hash of the messages so far."""
+        return self._digest.hexdigest()

@@ -45,7 +45,7 @@ def test_what_the_operating_system_refuses_is_one_sentence(
     def broken() -> None:
         raise error
 
-    monkeypatch.setattr("jezero.cli.status.status", broken)
+    monkeypatch.setattr("jezero.cli.flight.status", broken)
     done = CliRunner().invoke(main, ["status"])
     assert done.exit_code == 1
     assert done.stderr.startswith(f"Error: {sentence}") and len(done.stderr.splitlines()) == 1
@@ -56,7 +56,7 @@ def test_errors_of_the_program_keep_their_traceback(monkeypatch: pytest.MonkeyPa
     def broken() -> None:
         raise ValueError("a programming error")
 
-    monkeypatch.setattr("jezero.cli.status.status", broken)
+    monkeypatch.setattr("jezero.cli.flight.status", broken)
     assert isinstance(CliRunner().invoke(main, ["status"]).exception, ValueError)
 
 

@@ -5,6 +5,7 @@ import json
 import pytest
 from click.testing import CliRunner
 
+from jezero.cli.flight import wind_text
 from jezero.cli.main import COMMANDS, main
 
 NOBODY = ["--router", "tcp/127.0.0.1:9"]
@@ -63,3 +64,33 @@ def test_every_command_has_help(command: str) -> None:
     result = CliRunner().invoke(main, [command, "--help"])
     assert result.exit_code == 0
     assert len(result.output.splitlines()) > 4
+
+
+@pytest.mark.parametrize(
+    ("north_mps", "east_mps", "text"),
+    [
+        (-4.0, 0.0, "from 0 degrees"),
+        (-4.0, 0.01, "from 0 degrees"),
+        (-4.0, 0.1, "from 359 degrees"),
+        (0.0, -4.0, "from 90 degrees"),
+        (4.0, 0.0, "from 180 degrees"),
+        (4.0, -1e-9, "from 180 degrees"),
+    ],
+)
+def test_the_wind_comes_from_0_to_359_degrees(north_mps: float, east_mps: float, text: str) -> None:
+    assert wind_text((north_mps, east_mps, 0.0), None) == f"4.0 m/s {text}"
+
+
+@pytest.mark.parametrize(
+    ("words", "problem"),
+    [
+        (["modify"], "Missing argument 'KEY=VALUE"),
+        (["modify", "speed_mps"], "'speed_mps' is not KEY=VALUE, such as speed_mps=1.5"),
+        (["modify", "=1"], "'=1' is not KEY=VALUE"),
+        (["modify", "speed_mps=1", "speed_mps=2"], "speed_mps is given twice"),
+    ],
+)
+def test_wrong_words_of_modify_are_told_in_one_sentence(words: list[str], problem: str) -> None:
+    run = CliRunner().invoke(main, words)
+    assert run.exit_code == 2
+    assert problem in run.output

@@ -13,11 +13,10 @@ import pytest
 from click.testing import CliRunner
 from msgspec import Meta
 
+from jezero.cli.info import PAGES, reference_page
 from jezero.cli.main import main
 from jezero.cli.reference.actions import EXAMPLES
-from jezero.cli.reference.fields import Field, attributes_of, description_of, fields_of, summary_of, unit_of
-from jezero.cli.reference.markdown import table
-from jezero.cli.reference.pages import PAGES, reference_page
+from jezero.cli.reference.words import Field, attributes_of, description_of, fields_of, summary_of, table, unit_of
 from jezero.client import Vehicle
 from jezero.schemas.topics import ACTIONS
 

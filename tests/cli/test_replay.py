@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from jezero.cli.exit_codes import FAILED, UNREACHABLE, USAGE
 from jezero.cli.main import main
+from jezero.cli.terminal import FAILED, UNREACHABLE, USAGE
 from jezero.router_address import is_loopback
 from tests.client.rig import free_endpoint
 from tests.recording.rig import record

@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from jezero.cli.area import Origin, around_origin
+from jezero.cli.goals import take_pictures
 from jezero.cli.main import main
-from jezero.cli.pictures import take_pictures
-from jezero.cli.shared import Printer
+from jezero.cli.options import Origin
+from jezero.cli.survey import around_origin
+from jezero.cli.terminal import Printer
 from jezero.client.dataset import Dataset
 from jezero.client.errors import Aborted
 from jezero.client.images import Picture

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from jezero import TimedOut, Unreachable, Vehicle, aio
-from jezero.cli.exit_codes import UNREACHABLE
+from jezero.cli.terminal import UNREACHABLE
 from jezero.keys.team import Team
 from jezero.runtime.bus_address import socket_of
 from jezero.runtime.routing import open_router

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jezero.cli.demo import pointing_to
-from jezero.cli.shared import Printer
+from jezero.cli.demonstration import pointing_to
+from jezero.cli.terminal import Printer
 from jezero.codec import encode
 from jezero.recording import Entry
 from jezero.recording.writer import RECORDING, RecordingWriter

@@ -14,8 +14,7 @@ from jezero.services.mission.config import MissionConfig
 from jezero.services.mission.record import MissionRecord
 from jezero.services.mission.service import MissionService
 from jezero.services.simulator.camera.config import CameraConfig
-from jezero.trials.campaign.blank_camera import BlankCamera
-from jezero.trials.stack import build_stack
+from jezero.trials.stack import BlankCamera, build_stack
 from jezero.vehicle_config import VehicleConfig
 from tests.scenario.rig import Flight
 

@@ -13,10 +13,10 @@ from jezero.schemas.topics import ACTIONS
 from jezero.services.actions.table import action_server
 from jezero.services.vehicle_bridge.admission import is_allowed
 from jezero.trials.campaign.campaign import CampaignReport, fly_campaign
+from jezero.trials.campaign.clients import draw_goal
 from jezero.trials.campaign.faults import FAULT_COUNTS, PARTITION_MAX_S, Fault, Kind, draw_faults
 from jezero.trials.campaign.judge import ALLOWED
 from jezero.trials.campaign.mission import Mission, fly_mission, named_random
-from jezero.trials.campaign.sent_goals import draw_goal
 from jezero.trials.campaign.worlds import WORLDS
 from tests.scenario.rig import Flight, go_to
 

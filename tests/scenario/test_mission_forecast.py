@@ -20,9 +20,8 @@ from jezero.schemas import topics
 from jezero.schemas.mission import GoalStep, Mission, WaitStep
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.config import SimulatorConfig, WindConfig
-from jezero.trials.campaign.blank_camera import BlankCamera
 from jezero.trials.planning import VirtualPlanner
-from jezero.trials.stack import build_stack
+from jezero.trials.stack import BlankCamera, build_stack
 from jezero.vehicle_config import VehicleConfig
 from tests.scenario.mission_rig import MissionFlight
 

@@ -22,8 +22,7 @@ from jezero.services.actions.config import load_actions_config
 from jezero.services.actions.table import action_server
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.simulator.config import SimulatorConfig, WindConfig
-from jezero.trials.rover_driver import RoverDriver
-from jezero.trials.stack import build_stack
+from jezero.trials.stack import RoverDriver, build_stack
 from tests.scenario.rig import Flight, go_to
 
 SEEDS = [pytest.param(seed, marks=() if seed < 2 else pytest.mark.slow) for seed in range(30)]

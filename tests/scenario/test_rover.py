@@ -12,8 +12,7 @@ from jezero.schemas.goals import TakeoffGoal
 from jezero.schemas.state import StatusCode
 from jezero.services.simulator.config import SimulatorConfig, UavConfig
 from jezero.trials.platform import on_platform_m
-from jezero.trials.rover_driver import RoverDriver
-from jezero.trials.stack import build_stack
+from jezero.trials.stack import RoverDriver, build_stack
 from tests.scenario.rig import Flight
 
 SHIPPED = load_config(SimulatorConfig, "simulator")

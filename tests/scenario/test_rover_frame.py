@@ -8,7 +8,7 @@ from jezero.frames import subtract
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted
 from jezero.schemas.state import StatusCode
-from jezero.trials.rover_driver import RoverDriver
+from jezero.trials.stack import RoverDriver
 from tests.scenario.rig import Flight, go_to
 
 

@@ -11,8 +11,7 @@ from jezero.schemas import topics
 from jezero.schemas.goals import GetImagesGoal, TakeoffGoal
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.config import SimulatorConfig, WindConfig
-from jezero.trials.campaign.blank_camera import BlankCamera
-from jezero.trials.stack import build_stack
+from jezero.trials.stack import BlankCamera, build_stack
 from jezero.vehicle_config import VehicleConfig
 from tests.scenario.rig import Flight, go_to
 

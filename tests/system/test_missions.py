@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from jezero import Unreachable
-from jezero.cli.exit_codes import UNREACHABLE
+from jezero.cli.terminal import UNREACHABLE
 from jezero.schemas.mission import MissionProgress
 from tests.system.conftest import JEZERO, Stack, wait_for
 from tests.system.relay import Relay

@@ -1,12 +1,13 @@
-"""The page of all actions, from the topic table and the structs of goals, feedback and results."""
+"""The page of all actions, from the topic table and the structs of goals, feedback and results; rows for a terminal."""
 
+import re
 from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple, get_origin
 
 import msgspec
 
-from jezero.cli.reference.fields import Field, description_of, fields_of
-from jezero.cli.reference.markdown import escape, table
+from jezero.cli.reference.topics import Row
+from jezero.cli.reference.words import Field, description_of, escape, fields_of, summary_of, table
 from jezero.plugins import all_actions
 from jezero.schemas import actions, goals
 from jezero.schemas.rows import Action
@@ -92,6 +93,8 @@ REPLIES: dict[Any, str] = {
     actions.Result[Any]: "the last reply to an accepted goal; `outcome` is `succeeded`, `canceled` or `aborted`",
 }
 """Replies to a goal, with their description."""
+_LINK = re.compile(r"\[(\w+)\]\(#\w+\)")
+"""A link inside a reference page; a terminal shows only its text."""
 
 
 def page() -> str:
@@ -204,3 +207,25 @@ def _inner_structs(found: Iterable[Action[Any]]) -> list[type]:
                     seen[struct] = None
                     pending.append(struct)
     return list(seen)
+
+
+def action_rows(actions: dict[str, Action[Any]]) -> list[Row]:
+    """One row for each action: its endpoint and what its goal is for."""
+    return [
+        {"action": name, "endpoint": action.endpoint.name, "goal": summary_of(action.goal_type)}
+        for name, action in actions.items()
+    ]
+
+
+def field_rows(struct: Any) -> list[Row]:
+    """One row for each field of a goal, a feedback or a result."""
+    return [
+        {
+            "field": field.name,
+            "value": _LINK.sub(r"\1", f"{field.value} or none" if field.optional else field.value),
+            "range": field.range,
+            "default": field.default,
+            "meaning": field.meaning,
+        }
+        for field in fields_of(struct)
+    ]

@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from jezero import deploy
-from jezero.cli.reference.fields import Field, description_of, fields_of, json_words, summary_of
-from jezero.cli.reference.markdown import escape, table
+from jezero.cli.reference.words import Field, description_of, escape, fields_of, json_words, summary_of, table
 from jezero.runtime.config import Config, Instance, load_config
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.autopilot.config import AutopilotConfig

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from jezero.cli.reference.markdown import table
+from jezero.cli.reference.words import table
 from jezero.plugins import action_names, all_actions, find_action, plugin_names
 from jezero.runtime.service import Spec
 from jezero.schemas.rows import Endpoint, Topic

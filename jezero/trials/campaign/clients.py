@@ -1,7 +1,9 @@
 """Clients that send goals and requests at random, independently of each other."""
 
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, field
 from random import Random
 from typing import Any
 
@@ -11,17 +13,144 @@ from jezero.codec import BadPayloadError, decode
 from jezero.plugins import all_actions
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.schemas import topics
-from jezero.schemas.actions import Cancel, GetResult, Rejected, Result
+from jezero.schemas.actions import (
+    Accepted,
+    Cancel,
+    GetResult,
+    Modify,
+    ModifyReply,
+    Pause,
+    PauseReply,
+    Rejected,
+    Result,
+    Resume,
+    ResumeReply,
+)
 from jezero.schemas.commands import Abort, Hover, Kill
+from jezero.schemas.goals import Goal
 from jezero.schemas.rows import Action, Endpoint
 from jezero.schemas.state import Status, StatusCode
 from jezero.schemas.units import NS_PER_S
-from jezero.trials.campaign.pauser import Pauser
-from jezero.trials.campaign.sent_goals import SentGoal, draw_goal
 
 PERIOD_S = 0.5
 ACTION_INTERVAL_MEAN_S = 3.0
 RESULT_QUERY_PERIOD_S = 3.0
+PAUSE_PROBABILITY, RESUME_PROBABILITY, MODIFY_PROBABILITY = 0.12, 0.3, 0.06
+"""Probabilities that a request is sent in one period, while a goal is flown or paused."""
+FIELD_DRAWS: dict[str, Callable[[Random], Any]] = {
+    "altitude_m": lambda rng: rng.uniform(0.6, 5.0),
+    "target_ned_m": lambda rng: (rng.uniform(-8.0, 8.0), rng.uniform(-8.0, 8.0), rng.uniform(-6.0, -1.5)),
+    "landing_spot_ned_m": lambda rng: (rng.uniform(-4.0, 4.0), rng.uniform(-4.0, 4.0), 0.0),
+    "center_ned_m": lambda rng: (rng.uniform(-5.0, 5.0), rng.uniform(-5.0, 5.0), rng.uniform(-6.0, -3.0)),
+    "radius_m": lambda rng: rng.uniform(1.0, 4.0),
+    "num_images": lambda rng: rng.randint(1, 12),
+    "polygon_ned_m": lambda rng: ((0.0, 0.0), (rng.uniform(2.0, 6.0), 0.0), (0.0, rng.uniform(2.0, 6.0))),
+    "z_ned_m": lambda rng: rng.uniform(-6.0, -2.0),
+    "resolution_m": lambda rng: rng.uniform(0.5, 1.5),
+    "do_takeoff": lambda rng: rng.random() < 0.5,
+    "frame": lambda rng: rng.choice(("world", "world", "world", "rover")),
+    "use_uwb": lambda rng: rng.random() < 0.4,
+    "use_tag": lambda rng: rng.random() < 0.4,
+    "speed_mps": lambda rng: rng.choice((None, rng.uniform(0.5, 4.0))),
+    "yaw_rad": lambda rng: rng.choice((None, rng.uniform(-3.1, 3.1))),
+    "on_client_loss": lambda rng: rng.choice(("continue", "cancel")),
+}
+"""Functions that draw the fields of goals, by field name; fields without one keep their defaults."""
+
+
+def draw_goal(action: Action[Any], rng: Random, goal_id: str, t_ns: int) -> Goal:
+    """Draw a valid goal, whether or not the vehicle can fly it now.
+
+    Raises:
+        KeyError: the action's goal has a field without a default that is missing in FIELD_DRAWS.
+    """
+    values: dict[str, Any] = {"goal_id": goal_id, "issued_t_ns": t_ns}
+    for info in msgspec.structs.fields(action.goal_type):
+        if info.name in FIELD_DRAWS:
+            values[info.name] = FIELD_DRAWS[info.name](rng)
+        elif info.required and info.name not in values:
+            raise KeyError(f"FIELD_DRAWS has no entry for the field {info.name} of {action.name}")
+    goal: Goal = action.goal_type(**values)
+    return goal
+
+
+@dataclass
+class SentGoal:
+    """A goal that a client sent, and the client's knowledge of its outcome.
+
+    Attributes:
+        goal: the goal.
+        action: the goal's action.
+        queries: one query for each time that the goal was sent.
+        result_query: the last query for the goal's result.
+        result_queried_ns: time of that query, or of the goal's first sending.
+        known_outcome: the outcome, "rejected", or "" while the client knows none.
+    """
+
+    goal: Goal
+    action: Action[Any]
+    queries: list[SentRequest] = field(default_factory=list)
+    result_query: SentRequest | None = None
+    result_queried_ns: int = 0
+    known_outcome: str = ""
+
+    @property
+    def accepted(self) -> bool:
+        return any(isinstance(reply, Accepted) for query in self.queries for reply in query.replies)
+
+
+class Pauser:
+    """Sends the requests about one client's running goals.
+
+    Args:
+        name: the client's id on the bus.
+        rng: draws all requests.
+        on_event: called with a sentence for each request.
+    """
+
+    def __init__(self, name: str, bus: MemoryBus, rng: Random, on_event: Callable[[str], None]) -> None:
+        self._name = name
+        self._bus = bus
+        self._rng = rng
+        self._on_event = on_event
+        self._paused: set[str] = set()
+        """Ids of the goals that may be paused."""
+        self._requests: list[SentRequest] = []
+
+    @property
+    def accepted(self) -> Counter[str]:
+        """Number of accepted requests by their kind."""
+        replies = [reply for request in self._requests for reply in request.replies]
+        return Counter(
+            pauses=sum(isinstance(reply, PauseReply) and reply.paused for reply in replies),
+            resumptions=sum(isinstance(reply, ResumeReply) and reply.resumed for reply in replies),
+            changes=sum(isinstance(reply, ModifyReply) and reply.modified for reply in replies),
+        )
+
+    def step(self, running: Sequence[SentGoal], *, active: bool) -> None:
+        """Send requests about the goals that run; to be called every period.
+
+        Args:
+            active: whether goals may be paused and changed; otherwise those that were paused are resumed.
+        """
+        rng = self._rng
+        for sent in running:
+            goal_id, action = sent.goal.goal_id, sent.action
+            if goal_id in self._paused and (not active or rng.random() < RESUME_PROBABILITY):
+                self._request(action.resume, Resume(goal_id=goal_id, issued_t_ns=self._bus.t_ns))
+                if rng.random() < 0.5:  # else again, as the request may get lost
+                    self._paused.discard(goal_id)
+            elif active and rng.random() < PAUSE_PROBABILITY:
+                self._paused.add(goal_id)
+                self._request(action.pause, Pause(goal_id=goal_id, issued_t_ns=self._bus.t_ns))
+            if active and action.changeable and rng.random() < MODIFY_PROBABILITY:
+                names = rng.sample(action.changeable, rng.randint(1, min(2, len(action.changeable))))
+                fields = {name: FIELD_DRAWS[name](rng) for name in names if name in FIELD_DRAWS}
+                self._request(action.modify, Modify(goal_id=goal_id, fields=fields, issued_t_ns=self._bus.t_ns))
+
+    def _request(self, endpoint: Endpoint[Any, Any], payload: Any) -> None:
+        self._on_event(f"{self._name} requests {endpoint.name} {msgspec.json.encode(payload).decode()}")
+        self._requests.append(self._bus.send_request(endpoint, payload, self._name))
 
 
 class _Outcome(msgspec.Struct):

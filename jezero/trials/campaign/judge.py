@@ -5,12 +5,18 @@ The judges read no service's internals: they check the inputs and outputs on the
 
 from collections import Counter
 from dataclasses import dataclass
+from math import cos, degrees, radians
 
+import msgspec
+
+from jezero.frames import norm, tilt_from_quat
+from jezero.schemas import topics
 from jezero.schemas.state import StatusCode as Code
+from jezero.schemas.state import Truth
 from jezero.schemas.units import NS_PER_S
 
 VIOLATIONS_PER_RULE_MAX = 5
-
+UPSIDE_DOWN_COS = cos(radians(90.0))
 IN_PROGRESS = (Code.TAKEOFF, Code.GO_TO, Code.GET_IMAGES, Code.LANDING, Code.COVERAGE, Code.ACTION)
 ALLOWED: frozenset[tuple[Code, Code]] = frozenset(
     [
@@ -89,3 +95,30 @@ class Judge:
         self._counts[rule] += 1
         if self._counts[rule] <= VIOLATIONS_PER_RULE_MAX:
             self.violations.append(Violation(t_ns / NS_PER_S, rule, text))
+
+
+class TruthJudge:
+    """Observer of a bus that checks the vehicle's true attitude.
+
+    Attributes:
+        truth: the latest truth.
+        falls_in_epoch: epoch in which the autopilot was killed: the vehicle may fall in any attitude until its respawn.
+    """
+
+    def __init__(self, judge: Judge) -> None:
+        self.truth: Truth | None = None
+        self.falls_in_epoch: int | None = None
+        self._judge = judge
+        self._decoder = msgspec.json.Decoder(Truth)
+
+    def __call__(self, t_ns: int, topic: str, data: bytes) -> None:
+        if topic != topics.TRUTH.name:
+            return
+        self.truth = truth = self._decoder.decode(data)
+        tilt_rad = tilt_from_quat(truth.q_ned_from_frd)
+        upright = cos(tilt_rad) > UPSIDE_DOWN_COS or truth.epoch_id == self.falls_in_epoch
+        self._judge.check(upright, t_ns, "never upside down", f"tilted by {degrees(tilt_rad):.0f} degrees")
+
+    @property
+    def speed_mps(self) -> float:
+        return 0.0 if self.truth is None else norm(self.truth.vel_uav_ned_mps)

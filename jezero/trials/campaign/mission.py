@@ -19,7 +19,7 @@ from jezero.schemas.goals import Goal
 from jezero.schemas.state import Status, StatusCode
 from jezero.schemas.units import NS_PER_S
 from jezero.services.simulator.service import Simulator
-from jezero.trials.campaign.clients import PERIOD_S, Client
+from jezero.trials.campaign.clients import PERIOD_S, Client, Pauser, SentGoal
 from jezero.trials.campaign.faults import (
     AUTOPILOT,
     BRIDGE,
@@ -28,23 +28,16 @@ from jezero.trials.campaign.faults import (
     SENSOR_KINDS,
     Fault,
     Kind,
+    LinkFaults,
     draw_faults,
 )
-from jezero.trials.campaign.fences import FenceSetter, UnawareServer
-from jezero.trials.campaign.judge import Judge, Violation
-from jezero.trials.campaign.judge_bridge import BridgeJudge
-from jezero.trials.campaign.judge_fence import FenceJudge, is_fence_refusal
-from jezero.trials.campaign.judge_landing import LandOnSpotJudge
-from jezero.trials.campaign.judge_mission import MissionJudge, MissionLog
-from jezero.trials.campaign.judge_others import AutopilotJudge, GoalRecord, ServerJudge, TruthJudge
-from jezero.trials.campaign.judge_pauses import PauseJudge
-from jezero.trials.campaign.link_faults import LinkFaults
-from jezero.trials.campaign.missions import ENDS, MISSION_PROBABILITY, MissionClient
-from jezero.trials.campaign.pauser import Pauser
-from jezero.trials.campaign.sent_goals import SentGoal
+from jezero.trials.campaign.fence import FenceJudge, FenceSetter, UnawareServer, is_fence_refusal
+from jezero.trials.campaign.judge import Judge, TruthJudge, Violation
+from jezero.trials.campaign.judge_actions import GoalRecord, LandOnSpotJudge, PauseJudge, ServerJudge
+from jezero.trials.campaign.judge_control import AutopilotJudge, BridgeJudge
+from jezero.trials.campaign.missions import ENDS, MISSION_PROBABILITY, MissionClient, MissionJudge, MissionLog
 from jezero.trials.campaign.worlds import PHYSICS, WORLDS, FaultySensors, World
-from jezero.trials.digest import MessageDigest
-from jezero.trials.recording import virtual_recording
+from jezero.trials.recording import MessageDigest, virtual_recording
 from jezero.trials.stack import mission_maker
 from jezero.vehicle_config import VehicleConfig
 

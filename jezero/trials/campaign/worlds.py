@@ -18,13 +18,9 @@ from jezero.services.autopilot.config import AutopilotConfig, TelemetryConfig
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
-from jezero.trials.campaign.blank_camera import NAME as BLANK_CAMERA
-from jezero.trials.campaign.blank_camera import BlankCamera
-from jezero.trials.campaign.faults import AUTOPILOT, BRIDGE, SIMULATOR, Fault
-from jezero.trials.campaign.point_mass_faults import FaultyPointMass, point_mass_fault
-from jezero.trials.campaign.point_mass_world import NAME, PointMass
-from jezero.trials.campaign.sensor_faults import FaultySimulator, SensorFault
-from jezero.trials.stack import SYSTEM_ID, bridge_maker, service_makers, wired_bus
+from jezero.trials.campaign.faults import AUTOPILOT, BRIDGE, SIMULATOR, Fault, FaultySimulator, SensorFault
+from jezero.trials.campaign.point_mass import NAME, FaultyPointMass, PointMass, point_mass_fault
+from jezero.trials.stack import BLANK_CAMERA, SYSTEM_ID, BlankCamera, bridge_maker, service_makers, wired_bus
 from jezero.vehicle_config import AirframeConfig, VehicleConfig
 
 TELEMETRY_INTERVAL_S = 0.1

@@ -29,8 +29,7 @@ from jezero.trials.landing.trial import (
 )
 from jezero.trials.platform import off_platform_reason, offset_m, on_platform_m, tipped_over_reason
 from jezero.trials.recording import virtual_recording
-from jezero.trials.rover_driver import RoverDriver
-from jezero.trials.stack import SYSTEM_ID, boot_id, service_makers, wired_bus
+from jezero.trials.stack import SYSTEM_ID, RoverDriver, boot_id, service_makers, wired_bus
 from jezero.vehicle_config import VehicleConfig
 
 READY_TIMEOUT_S = 60.0

@@ -3,7 +3,7 @@
 from jezero.schemas.topics import ACTIONS
 from jezero.trials.campaign.faults import Kind, draw_faults
 from jezero.trials.campaign.mission import Mission, named_random
-from jezero.trials.campaign.worlds import WORLDS
+from jezero.trials.campaign.worlds import POINT_MASS, WORLDS
 from jezero.trials.stack import service_makers
 
 
@@ -30,3 +30,12 @@ def test_every_further_service_has_faults_of_its_own() -> None:
     faults = [f for seed in range(300) for f in draw_faults(named_random(seed, "faults"), 42.0, ("estimator",))]
     hit = {fault.kind for fault in faults if "estimator" in fault.where}
     assert hit >= {Kind.KILL, Kind.FREEZE, Kind.PARTITION, Kind.DELAY, Kind.DROP, Kind.NAN, Kind.WRONG_TIME}
+
+
+def test_some_seeds_fly_missions_with_the_service_that_flies_them_and_others_single_goals() -> None:
+    flown = [Mission(seed, world=POINT_MASS) for seed in range(12)]
+    missions = [mission for mission in flown if mission.missions is not None]
+    assert 0 < len(missions) < len(flown)
+    for mission in flown:
+        assert bool(mission.clients) is (mission.missions is None)
+        assert mission.bus.has("mission") is (mission.missions is not None)

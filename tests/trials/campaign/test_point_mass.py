@@ -10,8 +10,7 @@ from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.control import Setpoint
 from jezero.trials.campaign.faults import HIL, MAVLINK, Fault, Kind, draw_faults
 from jezero.trials.campaign.mission import named_random
-from jezero.trials.campaign.point_mass import Point, PointEstimate, PointPilot
-from jezero.trials.campaign.point_mass_faults import point_mass_fault
+from jezero.trials.campaign.point_mass import Point, PointEstimate, PointPilot, point_mass_fault
 
 G = 9.81
 DT = 0.05
