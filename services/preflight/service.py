@@ -153,18 +153,22 @@ class Preflight:
             self._round_start_ns, self._due_ns = None, 0
             self._requests, self._waiting = self._waiting + self._requests, []
             self._charge, self._heading, self._height = self._watches()
-        watches = (self._charge, self._heading, self._height)
-        before = [watch.problem for watch in watches]
+        before = self._problems
         for each in inbox.new(STATUS):
             self._charge.update(each)
             self._heading.update(each)
         if status is not None:
             self._height.update(status, inbox.new(ALTIMETER), inbox.new(BARO))
-        self._alarmed |= any(watch.problem and not then for watch, then in zip(watches, before, strict=True))
+        self._alarmed |= any(now and not then for now, then in zip(self._problems, before, strict=True))
         idle = status is not None and status.code == StatusCode.IDLE and status.ready
         if idle and not self._idle:
             self._due_ns = 0
         self._idle = idle
+
+    @property
+    def _problems(self) -> tuple[str, ...]:
+        """What the watches have found in flight."""
+        return (self._charge.problem, self._heading.problem, self._height.problem)
 
     def _watches(self) -> tuple[ChargeWatch, HeadingWatch, HeightWatch]:
         return ChargeWatch(self._vehicle.battery), HeadingWatch(), HeightWatch(self._vehicle)

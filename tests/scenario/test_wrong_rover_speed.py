@@ -15,7 +15,7 @@ from jezero.schemas import topics
 from jezero.schemas.goals import LandOnSpotGoal
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.sensors import RoverOdometry
-from jezero.trials.rover_driver import RoverDriver
+from jezero.trials.stack import RoverDriver
 from tests.scenario.rig import Flight, go_to
 
 OFF_MAX_M = 0.3
