@@ -22,9 +22,10 @@ from jezero.router_address import shown_router
 from jezero.runtime.bus_address import run_folder_of, socket_of
 from jezero.runtime.config import ConfigError, Instance, instance_from_environment
 from jezero.runtime.link_guard import LinkGuard
-from jezero.runtime.process import new_boot_id, process_in_words
+from jezero.runtime.linux_processes import process_in_words
+from jezero.runtime.process import new_boot_id
 from jezero.runtime.routing import ListenError, open_router
-from jezero.runtime.zenoh_session import close_or_exit
+from jezero.runtime.zenoh_bus import close_or_exit
 from jezero.schemas.health import ServiceHealth, ServiceState
 from jezero.schemas.topics import health_of, key, liveliness_key
 
