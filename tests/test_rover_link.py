@@ -4,7 +4,7 @@ import pytest
 
 from jezero.rover_link import LINE_MAX_BYTES, MessageLines, line_of
 from jezero.runtime.config import ConfigError, Instance, checked_host
-from jezero.runtime.mailbox import LINK_BYTES_MAX, Mailbox
+from jezero.runtime.node import LINK_BYTES_MAX, Mailbox
 from jezero.schemas.commands import RoverCommand
 
 COMMAND = RoverCommand(t_ns=1, speed_rover_body_mps=0.5, yaw_rate_rover_rps=-0.25)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from benchmarks.quality.estimator_flight import Conditions, EstimatorFlight
 from jezero.frames import norm
 from jezero.runtime.config import load_config
-from jezero.runtime.mailbox import Mailbox
+from jezero.runtime.node import Mailbox
 from jezero.runtime.service import Output, Publish
 from jezero.schemas import topics
 from jezero.schemas.estimate import Relative

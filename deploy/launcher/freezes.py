@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from jezero.runtime.child import is_stopped
+from jezero.runtime.linux_processes import is_stopped
 
 SAMPLE_PERIOD_S = 0.25
 STEP_MAX_S = 0.5

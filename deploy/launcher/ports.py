@@ -8,7 +8,7 @@ from pathlib import Path
 
 from jezero.runtime.bus_address import socket_of
 from jezero.runtime.config import Instance
-from jezero.runtime.ports import Protocol, listen_problem
+from jezero.runtime.linux_processes import Protocol, listen_problem
 
 HOST = "127.0.0.1"
 

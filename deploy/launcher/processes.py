@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import IO
 
 from jezero.deploy.launcher.compose import Service
-from jezero.runtime.child import die_with
+from jezero.runtime.linux_processes import die_with
 
 BACK_OFF_MIN_S = 0.2
 BACK_OFF_MAX_S = 5.0

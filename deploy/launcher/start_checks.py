@@ -20,7 +20,7 @@ from jezero.replay import NAME as REPLAY
 from jezero.router_address import shown_router
 from jezero.runtime.bus_address import PREFIX, bus_of_router, socket_of
 from jezero.runtime.config import LISTEN_VARIABLE, Instance, config_directory, links_from_environment
-from jezero.runtime.ports import listen_problem
+from jezero.runtime.linux_processes import listen_problem
 from jezero.runtime.routing import ListenError, check_local, router_problem
 
 OPEN_FILES_MIN = 256

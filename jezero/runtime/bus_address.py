@@ -15,7 +15,7 @@ import msgspec
 
 from jezero.router_address import is_loopback, parse_router, shown_router
 from jezero.runtime.config import ConfigError, Instance, instance_from_environment
-from jezero.runtime.ports import port_holder, unix_listener
+from jezero.runtime.linux_processes import port_holder, unix_listener
 
 RUN_DIR_VARIABLE = "JEZERO_RUN_DIR"
 PREFIX = "unixsock-stream/"

@@ -19,9 +19,7 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     """Base of every service's settings: unknown fields and values out of range are refused."""
 
 
-C = TypeVar("C", bound=Config)
 S = TypeVar("S", bound=msgspec.Struct)
-
 
 NAME_EXPECTED = "expected 1 to 32 letters, digits, '-' and '_'"
 
@@ -96,7 +94,6 @@ class HostLinks(NamedTuple):
     connect: tuple[str, ...] = ()
 
 
-NO_LINKS = HostLinks()
 LISTEN_VARIABLE, CONNECT_VARIABLE = "JEZERO_LISTEN", "JEZERO_CONNECT"
 
 
@@ -196,7 +193,7 @@ def chosen_autopilot() -> str:
     given = os.environ.get("JEZERO_AUTOPILOT")
     if given and given not in ("embedded", "px4"):
         raise ConfigError(f'JEZERO_AUTOPILOT is "{given}", expected "embedded" or "px4"')
-    return given or _read(_AutopilotChoice, "autopilot", None).autopilot
+    return given or load_config(_AutopilotChoice, "autopilot").autopilot
 
 
 def config_directory() -> Path:
@@ -205,16 +202,12 @@ def config_directory() -> Path:
     return Path(given) if given else Path(import_module("jezero.deploy").__path__[0]) / "config"
 
 
-def load_config(kind: type[C], name: str, directory: Path | None = None) -> C:
+def load_config(kind: type[S], name: str, directory: Path | None = None) -> S:
     """Read `<name>.toml`; missing fields get their defaults.
 
     Raises:
         ConfigError: the file is missing or malformed, or a field is unknown or out of range.
     """
-    return _read(kind, name, directory)
-
-
-def _read(kind: type[S], name: str, directory: Path | None) -> S:
     path = (directory or config_directory()) / f"{name}.toml"
     try:
         return msgspec.toml.decode(path.read_bytes(), type=kind)

@@ -28,7 +28,7 @@ from jezero.router_address import insecurity, parse_router, shown_router
 from jezero.runtime.bus_address import service_instance
 from jezero.runtime.config import ConfigError, HostLinks, Instance, links_from_environment
 from jezero.runtime.denials import Denials
-from jezero.runtime.process import process_in_words
+from jezero.runtime.linux_processes import process_in_words
 from jezero.runtime.router import Health, Readers, serve
 from jezero.runtime.routing import ListenError, open_gate, shown
 from jezero.schemas.health import GateLinks

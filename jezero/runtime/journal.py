@@ -1,7 +1,7 @@
 """Writes a service's journal while it runs: see `schemas/journal.py`."""
 
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 from zlib import crc32
 
 import msgspec
@@ -10,10 +10,6 @@ from msgspec import Raw
 from jezero.codec import split_attachment
 from jezero.schemas import journal
 from jezero.schemas.journal import AnyEntry, JournalPart
-from jezero.schemas.rows import Endpoint, Topic
-
-if TYPE_CHECKING:
-    from jezero.runtime.node import Transport
 
 PART_PERIOD_NS = 100_000_000
 PART_SIZE_MAX_BYTES = 256_000
@@ -50,7 +46,7 @@ class Journal:
 
     def received(self, topic: str, data: bytes, *, attached: bool) -> None:
         """A valid message has arrived."""
-        message, checksum = _content(data) if attached else (Raw(data), None)
+        message, checksum = content_of(data) if attached else (Raw(data), None)
         self.add(journal.Received(topic, message, checksum), len(message))
 
     def add(self, entry: AnyEntry, size_bytes: int = 0) -> None:
@@ -93,49 +89,7 @@ class Journal:
         return msgspec.json.encode(part)
 
 
-class JournaledTransport:
-    """Writes a service's outputs into its journal, and hands them on to another transport."""
-
-    def __init__(self, transport: "Transport", journal: Journal) -> None:
-        self._transport = transport
-        self._journal = journal
-
-    def publish(self, topic: Topic[Any], data: bytes) -> None:
-        message, checksum = _content(data)
-        self._journal.add(journal.Published(topic.name, message, checksum), len(message))
-        self._transport.publish(topic, data)
-
-    def reply(self, request_id: int, data: bytes | None, *, final: bool) -> None:
-        message, checksum = (NULL, None) if data is None else _content(data)
-        self._journal.add(journal.Replied(request_id, message, final, checksum), len(message))
-        self._transport.reply(request_id, data, final=final)
-
-    def call(self, endpoint: Endpoint[Any, Any], data: bytes, call_id: str, timeout_s: float) -> None:
-        self._journal.add(journal.Called(endpoint.name, call_id, Raw(data)), len(data))
-        self._transport.call(endpoint, data, call_id, timeout_s)
-
-    def send(self, link: str, data: bytes) -> None:
-        self._journal.add(journal.Sent(link, data), len(data))
-        self._transport.send(link, data)
-
-    def subscribe(self, names: frozenset[str]) -> None:
-        self._journal.add(journal.Changed("subscriptions", " ".join(sorted(names))))
-        self._transport.subscribe(names)
-
-    def set_rate(self, rate_hz: float) -> None:
-        self._journal.add(journal.Changed("rate_hz", repr(rate_hz)))
-        self._transport.set_rate(rate_hz)
-
-    def run_task(self, function: Callable[[], Any], tag: str) -> None:
-        self._journal.add(journal.Changed("task started", tag))
-        self._transport.run_task(function, tag)
-
-    def cancel_task(self, tag: str) -> None:
-        self._journal.add(journal.Changed("task canceled", tag))
-        self._transport.cancel_task(tag)
-
-
-def _content(data: bytes) -> tuple[Raw, int | None]:
+def content_of(data: bytes) -> tuple[Raw, int | None]:
     """JSON of a message that jezero has encoded, and the checksum of its attachment."""
     json, attachment = split_attachment(data)
     return Raw(json), crc32(attachment) if attachment else None

@@ -6,7 +6,7 @@ import socket
 import sys
 from typing import Protocol
 
-from jezero.runtime.ports import listen_error
+from jezero.runtime.linux_processes import listen_error
 
 RETRY_PERIOD_NS = 100_000_000
 REFUSED_PERIOD_NS = 10_000_000_000

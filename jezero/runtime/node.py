@@ -1,7 +1,11 @@
-"""One running service: its mailbox, the check of its declaration, and its health; the same on both buses."""
+"""One running service: its inbox, the check of its declaration, its journal and its health; the same on both buses.
+
+A bus delivers what arrives to the `Node`, which decodes it into the `Mailbox`. It steps the service when the bus says
+so, checks what the service yields against its `Spec`, and hands it, encoded, to the bus' `Transport`.
+"""
 
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 from msgspec import Raw
@@ -17,8 +21,7 @@ from jezero.codec import (
     reader,
 )
 from jezero.plain_text import plain
-from jezero.runtime.journal import NULL, Journal, JournaledTransport
-from jezero.runtime.mailbox import Mailbox
+from jezero.runtime.journal import NULL, Journal, content_of
 from jezero.runtime.service import (
     BackgroundTask,
     Call,
@@ -30,6 +33,7 @@ from jezero.runtime.service import (
     Request,
     Response,
     Send,
+    SentMessage,
     Service,
     SetRate,
     Subscribe,
@@ -42,6 +46,8 @@ from jezero.schemas.rows import Endpoint, Topic
 from jezero.schemas.struct import Payload, WithReadings
 from jezero.schemas.units import NS_PER_S
 
+LINK_BYTES_MAX = 4_000_000
+"""Bytes of a link that wait for the next step; later ones are dropped, so that no peer can fill the memory."""
 HEALTH_PERIOD_MIN_NS = 100_000_000
 """Period of health while its state changes in each step."""
 FAILED_STEPS_MAX = 50
@@ -60,33 +66,6 @@ class Transport(Protocol):
     def set_rate(self, rate_hz: float) -> None: ...
     def run_task(self, function: Callable[[], Any], tag: str) -> None: ...
     def cancel_task(self, tag: str) -> None: ...
-
-
-class _Input:
-    """A topic or endpoint of a node's inputs.
-
-    Attributes:
-        kind: type of its decoded messages.
-        reader: decodes a message.
-        attached: whether its messages have attachments.
-        triggers: whether a message triggers a step.
-        received: number of messages so far.
-        rejected: number of invalid ones among them.
-        dropped: number of bad readings that were left out of valid ones.
-        last_ns: wall time of the last valid message; None before the first.
-    """
-
-    __slots__ = ("attached", "dropped", "kind", "last_ns", "reader", "received", "rejected", "triggers")
-
-    def __init__(self, kind: Any, *, triggers: bool) -> None:
-        self.kind = kind
-        self.reader = reader(kind)
-        self.attached = has_attachment(kind)
-        self.triggers = triggers
-        self.received = 0
-        self.rejected = 0
-        self.dropped = 0
-        self.last_ns: int | None = None
 
 
 class Node:
@@ -115,7 +94,7 @@ class Node:
         self.service = service
         self.spec = service.spec
         self.inbox = Mailbox(self.spec.links)
-        self._transport = transport if journal is None else JournaledTransport(transport, journal)
+        self._transport = transport if journal is None else _JournaledTransport(transport, journal)
         self._journal = journal
         self._strict = strict
         self._boot_id = boot_id
@@ -406,3 +385,157 @@ class Node:
             room_bytes=self._room_bytes,
             late_s=max(0.0, late_s),
         )
+
+
+class Mailbox:
+    """The `Inbox` of a service, which its node fills."""
+
+    def __init__(self, declared_links: Sequence[str]) -> None:
+        self.wall_ns = 0
+        self.connected = True
+        self.departed: list[str] = []
+        self.responses: list[Response] = []
+        self.sent: list[SentMessage] = []
+        self._new: dict[str, list[Any]] = {}
+        self._latest: dict[str, Any] = {}
+        self._requests: dict[str, list[Request]] = {}
+        self._bytes: dict[str, list[bytes]] = {link: [] for link in declared_links}
+        self._sizes = dict.fromkeys(declared_links, 0)
+        self._connections = dict.fromkeys(declared_links, 0)
+        self._up = dict.fromkeys(declared_links, False)
+
+    def new(self, topic: Topic[Any]) -> Sequence[Any]:
+        return self._new.get(topic.name, ())
+
+    def latest(self, topic: Topic[Any]) -> Any | None:
+        return self._latest.get(topic.name)
+
+    @property
+    def has_requests(self) -> bool:
+        return bool(self._requests)
+
+    def requests(self, endpoint: Endpoint[Any, Any]) -> Sequence[Request]:
+        return self._requests.get(endpoint.name, ())
+
+    def received(self, link: str) -> bytes:
+        parts = self._bytes[link]
+        return parts[0] if len(parts) == 1 else b"".join(parts)
+
+    def connections(self, link: str) -> int:
+        return self._connections[link]
+
+    def is_up(self, link: str) -> bool:
+        return self._up[link]
+
+    def clear(self) -> None:
+        """Remove everything that the last step has read; latest values and link states stay."""
+        self._new.clear()
+        if self.departed:
+            self.departed.clear()
+        if self.responses:
+            self.responses.clear()
+        if self._requests:
+            self._requests.clear()
+        if self.sent:
+            self.sent.clear()
+        for link, parts in self._bytes.items():
+            if parts:
+                parts.clear()
+                self._sizes[link] = 0
+
+    def add_message(self, name: str, message: Any) -> None:
+        self._latest[name] = message
+        if name in self._new:
+            self._new[name].append(message)
+        else:
+            self._new[name] = [message]
+
+    def forget(self, name: str) -> None:
+        self._new.pop(name, None)
+        self._latest.pop(name, None)
+
+    def add_request(self, name: str, request: Request) -> None:
+        self._requests.setdefault(name, []).append(request)
+
+    def add_bytes(self, link: str, data: bytes) -> None:
+        size = self._sizes[link] + len(data)
+        if size <= LINK_BYTES_MAX:
+            self._sizes[link] = size
+            self._bytes[link].append(data)
+
+    def set_link(self, link: str, up: bool) -> None:
+        if up and not self._up[link]:
+            self._connections[link] += 1
+        if not up:
+            self._bytes[link].clear()
+            self._sizes[link] = 0
+        self._up[link] = up
+
+
+class _Input:
+    """A topic or endpoint of a node's inputs.
+
+    Attributes:
+        kind: type of its decoded messages.
+        reader: decodes a message.
+        attached: whether its messages have attachments.
+        triggers: whether a message triggers a step.
+        received: number of messages so far.
+        rejected: number of invalid ones among them.
+        dropped: number of bad readings that were left out of valid ones.
+        last_ns: wall time of the last valid message; None before the first.
+    """
+
+    __slots__ = ("attached", "dropped", "kind", "last_ns", "reader", "received", "rejected", "triggers")
+
+    def __init__(self, kind: Any, *, triggers: bool) -> None:
+        self.kind = kind
+        self.reader = reader(kind)
+        self.attached = has_attachment(kind)
+        self.triggers = triggers
+        self.received = 0
+        self.rejected = 0
+        self.dropped = 0
+        self.last_ns: int | None = None
+
+
+class _JournaledTransport:
+    """Writes a service's outputs into its journal, and hands them on to another transport."""
+
+    def __init__(self, transport: Transport, journal: Journal) -> None:
+        self._transport = transport
+        self._journal = journal
+
+    def publish(self, topic: Topic[Any], data: bytes) -> None:
+        message, checksum = content_of(data)
+        self._journal.add(entries.Published(topic.name, message, checksum), len(message))
+        self._transport.publish(topic, data)
+
+    def reply(self, request_id: int, data: bytes | None, *, final: bool) -> None:
+        message, checksum = (NULL, None) if data is None else content_of(data)
+        self._journal.add(entries.Replied(request_id, message, final, checksum), len(message))
+        self._transport.reply(request_id, data, final=final)
+
+    def call(self, endpoint: Endpoint[Any, Any], data: bytes, call_id: str, timeout_s: float) -> None:
+        self._journal.add(entries.Called(endpoint.name, call_id, Raw(data)), len(data))
+        self._transport.call(endpoint, data, call_id, timeout_s)
+
+    def send(self, link: str, data: bytes) -> None:
+        self._journal.add(entries.Sent(link, data), len(data))
+        self._transport.send(link, data)
+
+    def subscribe(self, names: frozenset[str]) -> None:
+        self._journal.add(entries.Changed("subscriptions", " ".join(sorted(names))))
+        self._transport.subscribe(names)
+
+    def set_rate(self, rate_hz: float) -> None:
+        self._journal.add(entries.Changed("rate_hz", repr(rate_hz)))
+        self._transport.set_rate(rate_hz)
+
+    def run_task(self, function: Callable[[], Any], tag: str) -> None:
+        self._journal.add(entries.Changed("task started", tag))
+        self._transport.run_task(function, tag)
+
+    def cancel_task(self, tag: str) -> None:
+        self._journal.add(entries.Changed("task canceled", tag))
+        self._transport.cancel_task(tag)

@@ -2,11 +2,13 @@
 
 import fcntl
 import os
+import queue
 import secrets
 import signal
-import socket
 import sys
+import threading
 import time
+import traceback
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -16,6 +18,7 @@ from jezero.private_files import keep_private
 from jezero.runtime.bus_address import NAMES, PREFIX, make_socket_folder, service_instance
 from jezero.runtime.config import ConfigError, Instance
 from jezero.runtime.links import SocketLink
+from jezero.runtime.linux_processes import process_in_words
 from jezero.runtime.service import Service
 from jezero.runtime.zenoh_bus import ServiceLoop
 
@@ -116,6 +119,34 @@ def take_name(name: str, instance: Instance) -> str:
     return ""
 
 
-def process_in_words() -> str:
-    """This host and process, for people."""
-    return f"{socket.gethostname()} pid {os.getpid()}"
+class Worker:
+    """A thread beside a service's loop that executes functions, one after the other: for writing files, not to compute.
+
+    It starts with the first task, and ends with the process. An exception that a task raises goes to standard error;
+    the next task is executed all the same.
+    """
+
+    def __init__(self) -> None:
+        self._tasks: queue.SimpleQueue[Callable[[], object]] = queue.SimpleQueue()
+        self._started = False
+
+    def add(self, task: Callable[[], object]) -> None:
+        """Queue a task; returns at once."""
+        self._tasks.put(task)
+        if not self._started:
+            self._started = True
+            threading.Thread(target=self._run, name="worker", daemon=True).start()
+
+    def wait(self) -> None:
+        """Wait until all tasks so far have been executed."""
+        done = threading.Event()
+        self.add(done.set)
+        done.wait()
+
+    def _run(self) -> None:
+        while True:
+            task = self._tasks.get()
+            try:
+                task()
+            except Exception as error:  # noqa: BLE001 - a thread that ends would execute nothing any more
+                traceback.print_exception(error)

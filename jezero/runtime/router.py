@@ -8,10 +8,12 @@ import os
 import select
 import signal
 import socket
+import stat
+import struct
 import sys
 import time
-from collections.abc import Callable, Collection, Iterable
-from contextlib import suppress
+from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import ExitStack, suppress
 
 import zenoh
 
@@ -21,10 +23,10 @@ from jezero.private_files import keep_private
 from jezero.router_address import shown_router
 from jezero.runtime.bus_address import run_folder_of, socket_of
 from jezero.runtime.config import ConfigError, Instance, instance_from_environment
-from jezero.runtime.link_guard import LinkGuard
-from jezero.runtime.process import new_boot_id, process_in_words
+from jezero.runtime.linux_processes import process_in_words
+from jezero.runtime.process import new_boot_id
 from jezero.runtime.routing import ListenError, open_router
-from jezero.runtime.zenoh_session import close_or_exit
+from jezero.runtime.zenoh_bus import close_or_exit
 from jezero.schemas.health import ServiceHealth, ServiceState
 from jezero.schemas.topics import health_of, key, liveliness_key
 
@@ -35,6 +37,14 @@ NAMED_FOR_S = 60.0
 """Time for which health names a reader whose link was closed."""
 TEXT_MAX = 1000
 STOP_SIGNALS = (signal.SIGTERM, signal.SIGINT)
+STUCK_MAX_MS = 1000
+TCP_INFO_BYTES, UNSENT_OFFSET = 148, 144
+"""Size of the kernel's `struct tcp_info`, and the offset of `tcpi_notsent_bytes` in it (linux/tcp.h)."""
+CLOSE_IN_BACKGROUND = struct.pack("ii", 0, 0)
+"""`struct linger`. Zenoh asks for 10 s of lingering: closing a connection with unsent bytes would stop a thread that
+routes for so long, and a few such connections at once would stop the whole bus."""
+CLOSE_WITH_RESET = struct.pack("ii", 1, 0)
+"""`struct linger`: discards the unsent bytes at once."""
 Health = tuple[ServiceState, str]
 """State of a router, and its sentence for people."""
 
@@ -72,7 +82,7 @@ class Readers:
         links = list(self._session.info.links())
         self._members = _members_of(links)
         self.sessions = len({str(link.zid) for link in links})
-        peers = {_address(link): _peer(link) for link in links}
+        peers = {_address_of_link(link): _peer(link) for link in links}
         known = self._peers | peers  # a link may have ended since the last update
         self._peers = peers
         self._named = {session: named for session, named in self._named.items() if named[1] > now_s}
@@ -86,7 +96,7 @@ class Readers:
         """Close the links of some members."""
         if members:
             links = self._session.info.links()
-            self._guard.close({_address(link) for link in links if link.auth_identifier in members})
+            self._guard.close({_address_of_link(link) for link in links if link.auth_identifier in members})
 
     def member_of(self, session: str) -> str:
         """Name of the member that has a session, by Zenoh's id of it, or "" for one that isn't known."""
@@ -112,7 +122,7 @@ def _members_of(links: Iterable[zenoh.Link]) -> dict[str, str]:
     return {str(link.zid): link.auth_identifier for link in links if link.auth_identifier}
 
 
-def _address(link: zenoh.Link) -> str:
+def _address_of_link(link: zenoh.Link) -> str:
     """Address of the other end of a link."""
     return link.dst.partition("/")[2].partition("?")[0]
 
@@ -121,6 +131,85 @@ def _peer(link: zenoh.Link) -> str:
     """Who is at the other end of a link."""
     member = f"{link.auth_identifier}, " if link.auth_identifier else ""
     return f"{member}session {link.zid}"
+
+
+class LinkGuard:
+    """Lets the kernel end the TCP connections of this process whose readers stopped reading.
+
+    A program that subscribes and then stands still (a laptop asleep, a debugger, SIGSTOP) fills the buffers of its
+    connection. Nobody waits for it: everything is published with Zenoh's congestion control DROP. But the router would
+    keep its link for as long as the program's own lease says. So the kernel ends a connection that has bytes to send
+    and gets none acknowledged for a second. A client of Zenoh connects again when it continues. Source: tcp(7).
+    """
+
+    def __init__(self) -> None:
+        self._waiting: dict[str, int] = {}
+        """For how many updates in a row bytes have waited for the other end, by its address."""
+
+    def update(self) -> list[str]:
+        """Set the options of all connections.
+
+        Returns:
+            Addresses, host:port, of the connections that ended since the last update while bytes waited.
+        """
+        with ExitStack() as ends:
+            connections = {address: ends.enter_context(end) for address, end in _connections()}
+            ended = [address for address, count in self._waiting.items() if count > 1 and address not in connections]
+            for end in connections.values():
+                with suppress(OSError):  # it has ended just now
+                    end.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, CLOSE_IN_BACKGROUND)
+                    end.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, STUCK_MAX_MS)
+            waiting = [address for address, end in connections.items() if unsent_bytes(end)]
+        self._waiting = {address: self._waiting.get(address, 0) + 1 for address in waiting}
+        return ended
+
+    def close(self, addresses: Collection[str]) -> None:
+        """Close the connections with these addresses."""
+        with ExitStack() as ends:
+            connections = {address: ends.enter_context(end) for address, end in _connections()}
+            for address in addresses:
+                with suppress(KeyError, OSError):  # it has ended by itself
+                    connections[address].setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, CLOSE_WITH_RESET)
+                    connections[address].shutdown(socket.SHUT_RDWR)
+
+
+def unsent_bytes(connection: socket.socket) -> int:
+    """Number of bytes of a TCP connection that wait in this computer because the other end takes none."""
+    info = connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, TCP_INFO_BYTES)
+    return int.from_bytes(info[UNSENT_OFFSET : UNSENT_OFFSET + 4], sys.byteorder)
+
+
+def _connections() -> Iterator[tuple[str, socket.socket]]:
+    """Address of the other end and a duplicate of each of this process' TCP connections; the caller closes them.
+
+    Zenoh's own descriptors are out of reach, and it may close one and reuse its number at any time. A duplicate keeps
+    its connection.
+    """
+    for entry in os.listdir("/proc/self/fd"):
+        try:
+            descriptor = os.dup(int(entry))
+        except OSError:  # closed since it was listed
+            continue
+        if not stat.S_ISSOCK(os.fstat(descriptor).st_mode):
+            os.close(descriptor)
+            continue
+        connection = socket.socket(fileno=descriptor)
+        address = _address_of_connection(connection)
+        if address is None:
+            connection.close()
+        else:
+            yield address, connection
+
+
+def _address_of_connection(connection: socket.socket) -> str | None:
+    """The other end as Zenoh has it: host:port, an IPv6 host in brackets. None for anything but a TCP connection."""
+    if connection.type != socket.SOCK_STREAM or connection.family not in (socket.AF_INET, socket.AF_INET6):
+        return None
+    try:
+        host, port = connection.getpeername()[:2]
+    except OSError:  # it listens, or the other end has gone
+        return None
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 def serve(

@@ -15,7 +15,7 @@ from jezero.os_errors import describe_os_error
 from jezero.router_address import is_insecure, is_loopback, parse_router, shown_router
 from jezero.runtime.bus_address import make_socket_folder
 from jezero.runtime.config import LISTEN_VARIABLE, HostLinks
-from jezero.runtime.ports import listen_problem
+from jezero.runtime.linux_processes import listen_problem
 from jezero.schemas.rows import CLIENTS
 from jezero.schemas.topics import (
     CAMERA,

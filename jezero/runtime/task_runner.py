@@ -2,9 +2,13 @@
 
 A thread would not do: a library that keeps the interpreter for seconds stops the service's loop too, and a task in a
 thread can't be ended. A process can be killed at any time, and its death is only the end of its task.
+
+That process is `python -m jezero.runtime.task_runner`. Frames on its standard input and output are a length of 8 bytes
+and a pickle: a function in, an `Outcome` out. What a task prints goes to standard error, which is the service's log.
 """
 
 import contextlib
+import os
 import queue
 import signal
 import subprocess
@@ -14,9 +18,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, BinaryIO, cast
 
-from jezero.runtime.task import CANCELED, Outcome, pickled, read_outcome
-from jezero.runtime.task_child import read_frame, write_frame
+from jezero.runtime.task import CANCELED, Outcome, execute, pickled, read_outcome
 
+LENGTH_BYTES = 8
 IDLE_MAX_S = 60.0
 """A process without a task ends after this time, as it holds a hundred megabytes of libraries. Until then the next task
 finds them imported."""
@@ -95,8 +99,8 @@ class TaskRunner:
             return CANCELED
         frame = None
         with contextlib.suppress(OSError):  # the process was killed before it had read the task
-            write_frame(cast(BinaryIO, process.stdin), task.frame)
-            frame = read_frame(cast(BinaryIO, process.stdout))
+            _write_frame(cast(BinaryIO, process.stdin), task.frame)
+            frame = _read_frame(cast(BinaryIO, process.stdout))
         if frame is not None:
             return read_outcome(frame)
         code = self._end_process()
@@ -115,7 +119,7 @@ class TaskRunner:
                 return None
             self._running = task
             if self._process is None:
-                command = [sys.executable, "-m", "jezero.runtime.task_child"]
+                command = [sys.executable, "-m", "jezero.runtime.task_runner"]
                 self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
             return self._process
 
@@ -136,3 +140,49 @@ class TaskRunner:
 
 def _exit_in_words(code: int) -> str:
     return f"exit code {code}" if code >= 0 else signal.Signals(-code).name
+
+
+# -- the child process -------------------------------------------------------------------------------------
+
+
+def main() -> None:
+    """The child process: execute tasks until standard input is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl+C is for the service, which then closes the pipe
+    outcomes = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    tasks: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    threading.Thread(target=_read_tasks, args=(tasks,), daemon=True).start()
+    while True:
+        _write_frame(outcomes, execute(tasks.get()))
+
+
+def _read_tasks(tasks: queue.SimpleQueue[bytes]) -> None:
+    """Queue the tasks. The end of the service ends this process at once, also in the midst of a task."""
+    while (frame := _read_frame(sys.stdin.buffer)) is not None:
+        tasks.put(frame)
+    os._exit(0)
+
+
+def _write_frame(pipe: BinaryIO, data: bytes) -> None:
+    """Write one frame.
+
+    Raises:
+        OSError: the other end is closed.
+    """
+    pipe.write(len(data).to_bytes(LENGTH_BYTES, "little"))
+    pipe.write(data)
+    pipe.flush()
+
+
+def _read_frame(pipe: BinaryIO) -> bytes | None:
+    """Read one frame; None when the other end is closed."""
+    head = pipe.read(LENGTH_BYTES)
+    if len(head) < LENGTH_BYTES:
+        return None
+    length = int.from_bytes(head, "little")
+    data = pipe.read(length)
+    return data if len(data) == length else None
+
+
+if __name__ == "__main__":
+    main()

@@ -1,17 +1,18 @@
 """The bus over Zenoh in real time: one service, one process, one loop.
 
-Zenoh's callbacks append to a queue and wake the loop. Only the loop polls the sockets, moves messages into the
-service's inbox and steps the service.
+Zenoh's callbacks (`BusSession`) append to a queue and wake the loop. Only the loop (`ServiceLoop`) polls the sockets,
+moves messages into the service's inbox, steps the service, and sends what the step yields.
 """
 
 import os
 import select
-import socket
+import sys
+import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from types import FrameType
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import zenoh
 
@@ -21,17 +22,17 @@ from jezero.runtime.clock import VehicleClock
 from jezero.runtime.config import Instance, is_recorded
 from jezero.runtime.journal import Journal
 from jezero.runtime.links import SocketLink
+from jezero.runtime.linux_processes import process_in_words
 from jezero.runtime.node import Node
 from jezero.runtime.service import SentMessage, Service, Spec
 from jezero.runtime.task_runner import TaskRunner
-from jezero.runtime.zenoh_session import BusSession, Kind
 from jezero.schemas import topics
 from jezero.schemas.actions import UnknownAction
 from jezero.schemas.rows import Endpoint, Topic
 from jezero.schemas.state import Clock
-from jezero.schemas.topics import health_of, key
+from jezero.schemas.topics import health_of, journal_of, key, liveliness_key
 from jezero.schemas.units import NS_PER_S
-from jezero.zenoh_client import data_of
+from jezero.zenoh_client import FIRST, LAST, client_config, data_of, declare_publisher, put
 
 MASTER_LATENESS_MAX_NS = 20_000_000
 """Lateness up to which the time master catches up; a later one slows vehicle time down instead."""
@@ -47,10 +48,18 @@ for silent, or execute old requests, before it has read the newer messages."""
 CLOCK_NAME = topics.CLOCK.name
 LINK_POLL_PERIOD_NS = 50_000_000
 """Period at which links with nothing to read are polled too, as polling also connects."""
+CLOSE_TIMEOUT_S = 0.7
+JOURNAL_WAITING_MAX_BYTES = 16_000_000
+"""Parts of the journal that wait for a recorder; the oldest are dropped. A start of the stack takes far less."""
+Kind = Literal["sample", "newest", "query", "response", "departed", "opened", "outcome", "sent"]
+Enqueue = Callable[[Kind, str, Any], None]
 
 
 class ServiceLoop:
-    """The loop of one process: it moves messages into the inbox, and steps the service."""
+    """The loop of one process: it moves messages into the inbox, and steps the service.
+
+    It is the `Transport` of the service's node, too: what a step yields goes to the session, the links or the tasks.
+    """
 
     def __init__(self, service: Service, instance: Instance, boot_id: int, links: dict[str, SocketLink]) -> None:
         self._spec = service.spec
@@ -74,16 +83,24 @@ class ServiceLoop:
         self._link_states = dict.fromkeys(links, (0, False))
         """Number of connections of each link and whether it is up, as the node knows them."""
         self._session = BusSession(instance, self._spec, self._enqueue)
-        tasks = TaskRunner(lambda tag, outcome: self._enqueue("outcome", tag, outcome))
-        self._out = ZenohTransport(instance, self._spec, self._session, links, tasks)
-        process = f"{socket.gethostname()} pid {os.getpid()}"
+        self._tasks = TaskRunner(lambda tag, outcome: self._enqueue("outcome", tag, outcome))
+        attached = (endpoint.name for endpoint in self._spec.serves if has_attachment(endpoint.reply_type))
+        self._attached = frozenset(key(instance.vehicle, name) for name in attached)
+        """Keys whose replies have attachments."""
+        self._queries: dict[int, tuple[str, zenoh.Query]] = {}
+        """Queries without a final reply yet, with the keys of their replies."""
+        self._request_id = 0
+        process = process_in_words()
         self._journal: Journal | None = None
         if is_recorded() and not self._spec.hears_all:
             self._journal = Journal(self._spec.name, boot_id, self._spec.made_with)
-        self._node = Node(service, self._out, strict=False, boot_id=boot_id, process=process, journal=self._journal)
+        self._node = Node(service, self, strict=False, boot_id=boot_id, process=process, journal=self._journal)
+        self._period_ns = int(NS_PER_S / self._spec.rate_hz)
         self._due_ns = 0
         """Time of the next step, unless something triggers one before."""
-        self._subscribed = self._out.subscribed
+        self._wanted: frozenset[str] = frozenset()
+        """Topics on demand that the service wants."""
+        self._subscribed = self._wanted
         """Topics on demand that the session subscribes to now."""
         self._on_demand = frozenset(topic.name for topic in self._spec.on_demand)
         self._health_topic = health_of(self._spec.name)
@@ -117,7 +134,7 @@ class ServiceLoop:
         """Close the links and the session; a router that hangs doesn't delay it by more than a second."""
         for link in self._links.values():
             link.close()
-        self._out.forget_queries()
+        self._queries.clear()
         if self._session.is_open:
             self._publish_journal(force=True)
         self._session.close()
@@ -169,12 +186,12 @@ class ServiceLoop:
 
     def _step(self, now_ns: int) -> None:
         self._node.step(self._clock.now_ns(now_ns))  # not the time now: a stall since the loop's turn began is in it
-        self._due_ns = now_ns + self._out.period_ns
+        self._due_ns = now_ns + self._period_ns
 
     def _update_subscriptions(self) -> None:
         """Subscribe to the topics on demand; after the step, as a declaration takes the router a millisecond."""
-        if self._subscribed is not self._out.subscribed:
-            self._subscribed = self._out.subscribed
+        if self._subscribed is not self._wanted:
+            self._subscribed = self._wanted
             self._session.subscribe_on_demand(self._subscribed)
 
     def _past_stalls_ns(self, now_ns: int, since_ns: int, until_ns: int) -> int:
@@ -308,7 +325,7 @@ class ServiceLoop:
     def _on_sample(self, name: str, data: bytes) -> bool:
         if name == CLOCK_NAME:
             self._on_clock(data)
-        if name in self._on_demand and name not in self._out.subscribed:  # it came before the subscription ended
+        if name in self._on_demand and name not in self._wanted:  # it came before the subscription ended
             return False
         return self._node.deliver(name, data)
 
@@ -332,11 +349,18 @@ class ServiceLoop:
             data, parameters = encode(UnknownAction(key=str(query.key_expr)[len(self._prefix) :])), {}
         return self._node.deliver_request(
             name,
-            self._out.keep_query(name, query),
+            self._keep_query(name, query),
             "" if attachment is None else plain(attachment.to_bytes().decode("utf-8", "replace")[:64]),
             data,
             parameters,
         )
+
+    def _keep_query(self, name: str, query: zenoh.Query) -> int:
+        """Keep a query to an endpoint until its final reply; returns the request's id."""
+        self._request_id += 1
+        own = str(query.key_expr) if "*" in name else f"{self._prefix}{name}"
+        self._queries[self._request_id] = (own, query)
+        return self._request_id
 
     def _report(self, now_ns: int) -> None:
         """Check the router twice a second, and publish health when it is due."""
@@ -356,48 +380,9 @@ class ServiceLoop:
             if part is not None:
                 self._session.put_journal(part)
 
-
-class ZenohTransport:
-    """Executes the outputs of one service's steps.
-
-    Attributes:
-        period_ns: time from a step to the next, unless something triggers one before.
-        subscribed: the topics on demand that the service wants; the loop declares them to the router.
-    """
-
-    def __init__(
-        self, instance: Instance, spec: Spec, session: BusSession, links: Mapping[str, SocketLink], tasks: TaskRunner
-    ) -> None:
-        self.period_ns = int(NS_PER_S / spec.rate_hz)
-        self.subscribed: frozenset[str] = frozenset()
-        self._vehicle = instance.vehicle
-        self._session = session
-        self._links = links
-        self._tasks = tasks
-        self._last_value = frozenset(topic.name for topic in spec.last_value)
-        attached = (endpoint.name for endpoint in spec.serves if has_attachment(endpoint.reply_type))
-        self._attached = frozenset(key(instance.vehicle, name) for name in attached)
-        """Keys whose replies have attachments."""
-        self._queries: dict[int, tuple[str, zenoh.Query]] = {}
-        """Queries without a final reply yet, with the keys of their replies."""
-        self._request_id = 0
-
-    def keep_query(self, name: str, query: zenoh.Query) -> int:
-        """Keep a query to an endpoint until its final reply; returns the request's id."""
-        self._request_id += 1
-        own = str(query.key_expr) if "*" in name else key(self._vehicle, name)
-        self._queries[self._request_id] = (own, query)
-        return self._request_id
-
-    def forget_queries(self) -> None:
-        """End all requests without a reply."""
-        self._queries.clear()
-
     # -- Transport --
 
     def publish(self, topic: Topic[Any], data: bytes) -> None:
-        if topic.name in self._last_value:
-            self._session.set_last_value(topic, data)
         self._session.put(topic, data)
 
     def reply(self, request_id: int, data: bytes | None, *, final: bool) -> None:
@@ -421,13 +406,243 @@ class ZenohTransport:
         self._links[link].send(data)
 
     def subscribe(self, names: frozenset[str]) -> None:
-        self.subscribed = names
+        self._wanted = names
 
     def set_rate(self, rate_hz: float) -> None:
-        self.period_ns = int(NS_PER_S / rate_hz)
+        self._period_ns = int(NS_PER_S / rate_hz)
 
     def run_task(self, function: Callable[[], Any], tag: str) -> None:
         self._tasks.add(function, tag)
 
     def cancel_task(self, tag: str) -> None:
         self._tasks.cancel(tag)
+
+
+class BusSession:
+    """The session of one service.
+
+    Args:
+        instance: names the vehicle and the router.
+        spec: the service's declaration.
+        enqueue: called by Zenoh's threads as `enqueue(kind, name, value)` with each arrival.
+
+    Kinds of arrivals:
+        sample: a topic's name and the bytes of a message.
+        newest: a topic's name and the sample of a message with an attachment.
+        query: an endpoint's name and the query.
+        response: a call's id and (bytes, None) or (None, error).
+        departed: the id of a client, or the name of a service, that vanished.
+        sent: the name of any topic and (time of arrival in ns since 1970, the message), for `Spec.hears_all`.
+        opened: the session is open.
+    """
+
+    def __init__(self, instance: Instance, spec: Spec, enqueue: Enqueue) -> None:
+        self._instance = instance
+        self._spec = spec
+        self._enqueue = enqueue
+        self._opened: zenoh.Session | None = None
+        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._subscribers: dict[str, zenoh.Subscriber[Any]] = {}
+        self._declared: list[Any] = []
+        self._last_value: dict[str, bytes | None] = dict.fromkeys((topic.name for topic in spec.last_value), None)
+        """The newest message of each such topic, as the reply to a plain get on its key; None before the first."""
+        used = (*spec.inputs, *spec.on_demand, *spec.outputs)
+        self._journal: zenoh.Publisher | None = None
+        self._journal_waiting: deque[bytes] = deque()
+        """Parts of the journal that nobody has subscribed to yet."""
+        self._attached = frozenset(topic.name for topic in used if has_attachment(topic.type))
+        """Topics whose messages have attachments."""
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the router has been found."""
+        return self._opened is not None
+
+    @property
+    def connected(self) -> bool:
+        """Whether the router is there now."""
+        return bool(self._session.info.routers_zid())
+
+    def open_in_background(self) -> threading.Thread:
+        """Start to connect to the router in a thread that can't be interrupted; after it `is_open` is true."""
+
+        def connect() -> None:
+            self._opened = zenoh.open(client_config(self._instance.router))
+            self._enqueue("opened", "", None)
+
+        thread = threading.Thread(target=connect, daemon=True)
+        thread.start()
+        return thread
+
+    def close(self) -> None:
+        """Close the session; see `close_or_exit`."""
+        if self._opened is not None:
+            close_or_exit(self._opened)
+
+    @property
+    def _session(self) -> zenoh.Session:
+        if self._opened is None:
+            raise RuntimeError("the session is not open")
+        return self._opened
+
+    # -- declarations --
+
+    def declare(self) -> None:
+        """Declare everything that the service's `Spec` names, and that the service is there."""
+        session = self._session
+        alive = liveliness_key(self._instance.vehicle, "service", self._spec.name)
+        self._declared.append(session.liveliness().declare_token(alive))
+        for topic in (*self._spec.outputs, health_of(self._spec.name)):
+            self._publishers[topic.name] = declare_publisher(
+                session,
+                key(self._instance.vehicle, topic.name),
+                attached=topic.name in self._attached,
+                congestion=zenoh.CongestionControl.DROP,  # else one reader that stands still stops everybody
+                urgent=topic.urgent,
+            )
+        for name in self._last_value:
+            self._declare_last_value(name)
+        for topic in self._spec.inputs:
+            self.subscribe(topic.name)
+        if self._uses_vehicle_time() and topics.CLOCK not in self._spec.inputs:
+            self.subscribe(topics.CLOCK.name)
+        for endpoint in self._spec.serves:
+            self._declare_endpoint(endpoint)
+        if self._spec.hears_all:
+            self._declared.append(self._hear_all())
+        if self._spec.watches is not None:
+            watched = liveliness_key(self._instance.vehicle, self._spec.watches, "*")
+            self._declared.append(session.liveliness().declare_subscriber(watched, _direct(self._on_watched)))
+
+    def _hear_all(self) -> Any:
+        """Subscribe to everything but the keys with an effect, which no wildcard matches."""
+        prefix = key(self._instance.vehicle, "")
+        enqueue = self._enqueue
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            if sample.kind == zenoh.SampleKind.PUT:
+                enqueue("sent", str(sample.key_expr)[len(prefix) :], (time.time_ns(), data_of(sample)))
+
+        return self._session.declare_subscriber(f"{prefix}**", _direct(on_sample))
+
+    def _uses_vehicle_time(self) -> bool:
+        spec = self._spec
+        return spec.lockstep is None and bool(spec.inputs or spec.outputs or spec.serves)
+
+    def subscribe(self, name: str) -> None:
+        """Subscribe to a topic."""
+        enqueue, attached = self._enqueue, name in self._attached
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            enqueue("newest" if attached else "sample", name, sample if attached else sample.payload.to_bytes())
+
+        own = key(self._instance.vehicle, name)
+        self._subscribers[name] = self._session.declare_subscriber(own, _direct(on_sample))
+
+    def _declare_endpoint(self, endpoint: Endpoint[Any, Any]) -> None:
+        own, name = key(self._instance.vehicle, endpoint.name), endpoint.name
+        exactly = zenoh.KeyExpr(own)
+        enqueue = self._enqueue
+
+        def is_meant(asked: zenoh.KeyExpr) -> bool:
+            if "*" in name:  # a pattern: every single key that it matches, but nobody's wildcards
+                return "*" not in str(asked)
+            return endpoint.wildcards or asked == exactly
+
+        def on_query(query: zenoh.Query) -> None:
+            if not is_meant(query.key_expr):
+                query.drop()  # type: ignore[no-untyped-call]
+            else:
+                enqueue("query", name, query)
+
+        queryable = self._session.declare_queryable(own, _direct(on_query), complete=not endpoint.shared)
+        self._declared.append(queryable)
+
+    def _declare_last_value(self, name: str) -> None:
+        own = key(self._instance.vehicle, name)
+
+        def on_query(query: zenoh.Query) -> None:
+            with query:
+                data = self._last_value[name]
+                if data is not None:
+                    query.reply(own, data, encoding=zenoh.Encoding.APPLICATION_JSON)
+
+        self._declared.append(self._session.declare_queryable(own, _direct(on_query), complete=True))
+
+    def _on_watched(self, sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.DELETE:
+            self._enqueue("departed", str(sample.key_expr).rsplit("/", 1)[-1], None)
+
+    def subscribe_on_demand(self, names: frozenset[str]) -> None:
+        """Subscribe to exactly these of the topics on demand."""
+        on_demand = {topic.name for topic in self._spec.on_demand}
+        for name in sorted(on_demand & set(self._subscribers) - names):
+            self._subscribers.pop(name).undeclare()  # type: ignore[no-untyped-call]
+        for name in sorted(names - set(self._subscribers)):
+            self.subscribe(name)
+
+    # -- out --
+
+    def put(self, topic: Topic[Any], data: bytes) -> None:
+        """Publish a message."""
+        if topic.name in self._last_value:
+            self._last_value[topic.name] = data
+        put(self._publishers[topic.name], data, attached=topic.name in self._attached)
+
+    def put_journal(self, part: bytes) -> None:
+        """Publish a part of the service's journal, as soon as a recorder has subscribed to it."""
+        self._journal_waiting.append(part)
+        while sum(map(len, self._journal_waiting)) > JOURNAL_WAITING_MAX_BYTES:
+            self._journal_waiting.popleft()
+        if self._journal is None:
+            own = key(self._instance.vehicle, journal_of(self._spec.name).name)
+            self._journal = self._session.declare_publisher(
+                own,
+                encoding=zenoh.Encoding.APPLICATION_JSON,
+                congestion_control=zenoh.CongestionControl.DROP,
+                priority=LAST,
+            )
+        status: Any = self._journal.matching_status
+        if status.matching:
+            while self._journal_waiting:
+                self._journal.put(self._journal_waiting.popleft())
+
+    def call(self, endpoint: Endpoint[Any, Any], data: bytes, call_id: str, timeout_s: float) -> None:
+        """Send a request; each reply is enqueued as a response, and "no server" when there will be no more."""
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            sample = reply.ok
+            self._enqueue(
+                "response", call_id, (None, "timeout") if sample is None else (sample.payload.to_bytes(), None)
+            )
+
+        self._session.get(
+            key(self._instance.vehicle, endpoint.name),
+            _direct(on_reply, lambda: self._enqueue("response", call_id, (None, "no server"))),
+            target=zenoh.QueryTarget.BEST_MATCHING,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            priority=FIRST if endpoint.urgent else zenoh.Priority.DATA,
+            timeout=timeout_s,
+            payload=data,
+            encoding=zenoh.Encoding.APPLICATION_JSON,
+        )
+
+
+def _direct(callback: Callable[[Any], None], drop: Callable[[], None] | None = None) -> Any:
+    """Zenoh's handler that calls back in the receiving thread: all arrives in order, and needs no more threads.
+
+    Args:
+        callback: called with each sample, query or reply.
+        drop: called when there will be no more of them.
+    """
+    return zenoh.handlers.Callback(callback, drop, indirect=False)
+
+
+def close_or_exit(session: zenoh.Session) -> None:
+    """Close a session, or end the process after `CLOSE_TIMEOUT_S`, e.g. when what is at the other end hangs."""
+    closer = threading.Thread(target=session.close, daemon=True)
+    closer.start()
+    closer.join(CLOSE_TIMEOUT_S)
+    if closer.is_alive():
+        sys.stderr.flush()
+        os._exit(0)

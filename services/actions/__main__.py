@@ -5,8 +5,7 @@ import sys
 from pathlib import Path
 
 from jezero.plugins import PluginError, action_names
-from jezero.runtime.process import run_process
-from jezero.runtime.worker import Worker
+from jezero.runtime.process import Worker, run_process
 from jezero.services.actions.lifecycle.picture_store import PictureStore
 from jezero.services.actions.table import action_server, find_declaration
 

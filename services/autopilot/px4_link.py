@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from jezero.runtime.child import die_with, is_stopped
+from jezero.runtime.linux_processes import die_with, is_stopped
 
 CHECK_PERIOD_NS = 200_000_000
 STOPPED_CHECKS_MIN = 7

@@ -10,9 +10,8 @@ from jezero.recording.folder import RECORDINGS, RecordingFolder
 from jezero.recording.viewer_scene import ViewerScene
 from jezero.runtime.config import Instance, chosen_autopilot, load_config
 from jezero.runtime.links import SocketLink
-from jezero.runtime.process import run_process
+from jezero.runtime.process import Worker, run_process
 from jezero.runtime.service import Service
-from jezero.runtime.worker import Worker
 from jezero.services.recorder.config import RecorderConfig
 from jezero.services.recorder.service import Recorder
 from jezero.vehicle_config import VehicleConfig

@@ -2,6 +2,7 @@
 
 import os
 import threading
+from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from itertools import pairwise
 from types import SimpleNamespace
@@ -182,7 +183,8 @@ class Asking:
         self.service = Asked()
         self.runner = zenoh_bus.ServiceLoop(self.service, Instance(), 1, {})
         self.put: list[int] = []
-        monkeypatch.setattr(self.runner._session, "put", lambda topic, data: self.put.append(self.wall_ns // MS))
+        publisher = SimpleNamespace(put=lambda data: self.put.append(self.wall_ns // MS))
+        monkeypatch.setattr(self.runner._session, "_publishers", defaultdict(lambda: publisher))
         self.asked: list[str] = []
         monkeypatch.setattr(
             self.runner._session, "call", lambda _endpoint, _data, call_id, _s: self.asked.append(call_id)
@@ -306,5 +308,6 @@ def test_state_that_changes_with_a_reply_is_published_in_the_same_step(asking: A
     query = asking.ask()
     asking.turn()
     assert query.replies
-    assert b'"text":"1"' in asking.runner._session._last_value[topics.STATUS.name]  # for a plain get
+    last = asking.runner._session._last_value[topics.STATUS.name]  # for a plain get
+    assert last is not None and b'"text":"1"' in last
     assert asking.put == [10]

@@ -22,7 +22,7 @@ from jezero.runtime.bus_address import socket_of
 from jezero.runtime.config import Instance
 from jezero.runtime.links import TcpClient, TcpServer, Udp
 from jezero.runtime.service import Spec
-from jezero.runtime.zenoh_session import BusSession
+from jezero.runtime.zenoh_bus import BusSession
 from jezero.schemas import topics
 from jezero.schemas.sensors import CameraFrame
 from jezero.zenoh_client import client_config

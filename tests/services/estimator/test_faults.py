@@ -11,7 +11,7 @@ from msgspec.structs import replace as changed
 
 from benchmarks.quality.estimator_flight import Arrival, Conditions
 from jezero.frames import norm
-from jezero.runtime.mailbox import Mailbox
+from jezero.runtime.node import Mailbox
 from jezero.runtime.service import Publish
 from jezero.schemas import topics
 from jezero.schemas.estimate import Relative, TagEstimate

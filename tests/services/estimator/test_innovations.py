@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.quality.estimator_flight import Conditions, EstimatorFlight
-from jezero.runtime.mailbox import Mailbox
+from jezero.runtime.node import Mailbox
 from jezero.runtime.service import Publish
 from jezero.schemas import topics
 from jezero.schemas.estimate import Relative

@@ -9,8 +9,8 @@ import pytest
 
 from jezero.codec import encode
 from jezero.frames import geodetic_from_ned, quat_from_euler
-from jezero.runtime.mailbox import Mailbox
-from jezero.runtime.worker import Worker
+from jezero.runtime.node import Mailbox
+from jezero.runtime.process import Worker
 from jezero.schemas import topics
 from jezero.schemas.images import ImageReply
 from jezero.schemas.sensors import Altimeter

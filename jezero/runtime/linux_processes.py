@@ -1,10 +1,15 @@
-"""Ports of this machine that a process can't listen on: why, and who holds them. Needs /proc (Linux)."""
+"""Processes of this machine: who holds a port, whether one is stopped, and children that end with their parent.
 
+Needs Linux and its /proc.
+"""
+
+import ctypes
 import errno
 import os
 import shlex
+import signal
 import socket
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Literal
@@ -13,8 +18,35 @@ from jezero.plain_text import plain
 
 Protocol = Literal["tcp", "udp"]
 COMMAND_MAX = 80
+PR_SET_PDEATHSIG = 1
 ACCEPTS = 1 << 16
 """Flag of a socket that listens: `__SO_ACCEPTCON` of linux/net.h."""
+
+_libc = ctypes.CDLL(None, use_errno=True)
+
+
+def process_in_words() -> str:
+    """This host and process, for people."""
+    return f"{socket.gethostname()} pid {os.getpid()}"
+
+
+def die_with(parent_pid: int) -> Callable[[], None]:
+    """Function that a child calls before its command starts, so that it is killed when its parent ends.
+
+    The kernel sends SIGKILL when the *thread* that forked ends, so children must be forked by the main thread. If the
+    parent has died before the call, the parent's id has changed.
+    """
+
+    def before_exec() -> None:
+        if _libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0) != 0 or os.getppid() != parent_pid:
+            os._exit(127)
+
+    return before_exec
+
+
+def is_stopped(pid: int) -> bool:
+    """Whether a process is stopped by a signal; a debugger's stop doesn't count. Source: proc(5)."""
+    return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "T"
 
 
 def listen_problem(protocol: Protocol, host: str, port: int, variable: str) -> str:

@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from jezero.runtime.links import TcpServer, Udp
-from jezero.runtime.ports import COMMAND_MAX, listen_problem, port_holder
+from jezero.runtime.linux_processes import COMMAND_MAX, listen_problem, port_holder
 
 HOST = "127.0.0.1"
 

@@ -7,7 +7,7 @@ from contextlib import suppress
 
 import pytest
 
-from jezero.runtime.link_guard import LinkGuard, unsent_bytes
+from jezero.runtime.router import LinkGuard, unsent_bytes
 from tests.system.conftest import wait_for
 
 PERIOD_S = 0.1
