@@ -15,21 +15,21 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from PIL import Image as Pillow
 
+from jezero.base.config import load_config
+from jezero.base.frames import quat_from_euler
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.cli.survey import M_PER_PX
-from jezero.frames import quat_from_euler
 from jezero.mapping.alignment import align
 from jezero.mapping.ground import fit_ground
 from jezero.mapping.matching import find_matches
 from jezero.mapping.projection import Grid, fit_grid, project
 from jezero.mapping.survey import read_survey
-from jezero.runtime.config import load_config
 from jezero.schemas.state import Scene
 from jezero.schemas.topics import AREA_COVERAGE, GET_IMAGES
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.making import make_renderer
 from jezero.services.simulator.camera.view import view_of
 from jezero.services.simulator.config import SimulatorConfig
-from jezero.vehicle_config import VehicleConfig
 
 Picture = Pillow.Image
 IMAGES = Path(__file__).parents[1] / "docs" / "images"

@@ -7,15 +7,15 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from benchmarks.quality.autopilot import READY_S, Make
+from jezero.base.mavlink import MavlinkCodec, dialect
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.deploy.launcher.ports import HOST, reserved_instance
-from jezero.mavlink import MavlinkCodec, dialect
-from jezero.runtime.config import Instance
+from jezero.runtime.instance import Instance
 from jezero.runtime.links import TcpServer, Udp
 from jezero.runtime.service import Inbox, Output, Send, Service, Spec
 from jezero.services.autopilot import px4
 from jezero.services.autopilot.px4_link import ChildLink
 from jezero.services.vehicle_bridge.parameters import ParameterSetter, Value
-from jezero.vehicle_config import VehicleConfig
 
 HIL, OFFBOARD = "hil", "offboard"
 FIRST_REPLY_TIMEOUT_S = 0.02

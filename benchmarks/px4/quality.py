@@ -18,8 +18,8 @@ import msgspec
 
 from benchmarks.px4.process import real_px4
 from benchmarks.quality.autopilot import CLIMB_S, HEIGHT_M, READY_S, Flight, Make, Target, embedded, fly, hold, track
-from jezero.frames import tilt_from_quat
-from jezero.runtime.config import load_config
+from jezero.base.config import load_config
+from jezero.base.frames import tilt_from_quat
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 
 DESCENT_START_S = READY_S + CLIMB_S

@@ -10,9 +10,10 @@ from math import sqrt
 
 import msgspec
 
-from jezero.frames import Vec3, distance, norm, subtract
-from jezero.mavlink import MavlinkCodec, dialect
-from jezero.runtime.config import load_config
+from jezero.base.config import load_config
+from jezero.base.frames import Vec3, distance, norm, subtract
+from jezero.base.mavlink import MavlinkCodec, dialect
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.memory_bus import UDP_DELAY, MemoryBus
 from jezero.runtime.service import Inbox, Output, Send, Service, Spec
 from jezero.schemas import topics
@@ -22,7 +23,6 @@ from jezero.services.autopilot.service import Autopilot
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.service import Simulator
 from jezero.trials.stack import SYSTEM_ID, boot_id
-from jezero.vehicle_config import VehicleConfig
 
 WIND_MPS = 3.0
 GUST_MPS = 0.6

@@ -15,8 +15,9 @@ import msgspec
 import numpy as np
 from scipy.optimize import minimize
 
-from jezero.frames import quat_from_euler
-from jezero.runtime.config import load_config
+from jezero.base.config import load_config
+from jezero.base.frames import quat_from_euler
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.state import Scene
 from jezero.services.estimator.tag_detector.config import TagDetectorConfig
@@ -34,7 +35,6 @@ from jezero.services.simulator.camera.making import make_renderer
 from jezero.services.simulator.camera.service import Renderer
 from jezero.services.simulator.camera.view import Array, view_of
 from jezero.services.simulator.config import SimulatorConfig
-from jezero.vehicle_config import VehicleConfig
 
 SIZES_PX = (0, 12, 16, 20, 24, 28, 32, 40, 60, 100, 200, 1000)
 BLURS_PX = (0.0, 0.3, 1.0, 2.0, 3.0, 5.0, 8.0, 20.0)

@@ -6,9 +6,10 @@ from typing import Any, cast
 import msgspec
 
 from benchmarks.quality.orbit import WIND, Black
+from jezero.base.config import load_config
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.client.dataset import Dataset
 from jezero.client.images import Picture
-from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import SentRequest
 from jezero.schemas import topics
 from jezero.schemas.actions import Result
@@ -20,7 +21,6 @@ from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.service import Camera
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.trials.stack import boot_id, service_makers, wired_bus
-from jezero.vehicle_config import VehicleConfig
 
 NOT_NEEDED = ("tag_detector", "go_to", "land_on_spot")
 WATCHED: dict[str, Any] = {

@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.quality.estimator_flight import Conditions, EstimatorFlight
-from jezero.frames import norm
-from jezero.runtime.config import load_config
+from jezero.base.config import load_config
+from jezero.base.frames import norm
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.node import Mailbox
 from jezero.runtime.service import Output, Publish
 from jezero.schemas import topics
@@ -26,7 +27,6 @@ from jezero.schemas.estimate import Relative
 from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.config import EstimatorConfig
 from jezero.services.estimator.service import Estimator
-from jezero.vehicle_config import VehicleConfig
 
 COST_RUNS = 5
 SETTLED_S = 3.0

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from jezero.frames import (
+from jezero.base.frames import (
     Quat,
     Vec3,
     add,
@@ -29,6 +29,7 @@ from jezero.frames import (
     wrap_pi,
     yaw_from_quat,
 )
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.schemas import topics
 from jezero.schemas.estimate import TagEstimate
 from jezero.schemas.rows import Topic
@@ -38,7 +39,6 @@ from jezero.services.simulator.body import BodyState, RoverState
 from jezero.services.simulator.config import SimulatorConfig, UwbConfig
 from jezero.services.simulator.noise import Wander, generator, normals_of
 from jezero.services.simulator.sensors import Altimeter, RoverOdometry, Uwb
-from jezero.vehicle_config import VehicleConfig
 
 TICK_NS = 4_000_000
 HEIGHT_STAND_M = VehicleConfig().airframe.height_stand_m

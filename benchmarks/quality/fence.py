@@ -14,9 +14,9 @@ from typing import Any
 
 import msgspec
 
-from jezero.codec import decode
-from jezero.fence import nearest
-from jezero.runtime.config import load_config
+from jezero.base.codec import decode
+from jezero.base.config import load_config
+from jezero.base.fence import nearest
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.runtime.service import Inbox, Output, Publish, Spec
 from jezero.schemas import topics

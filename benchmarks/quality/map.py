@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.quality.covering import Covering
+from jezero.base.config import load_config
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.mapping.making import Map, make_map
-from jezero.runtime.config import load_config
 from jezero.schemas.goals import AreaCoverageGoal
 from jezero.services.simulator.camera.orthophoto import make_orthophoto
 from jezero.services.simulator.config import SimulatorConfig
-from jezero.vehicle_config import VehicleConfig
 
 Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]

@@ -13,13 +13,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from jezero.base.config import load_config
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.mapping.alignment import align
 from jezero.mapping.ground import fit_ground
 from jezero.mapping.matching import find_matches
 from jezero.mapping.projection import Grid, project
 from jezero.mapping.survey import read_survey
-from jezero.runtime.config import load_config
-from jezero.vehicle_config import VehicleConfig
 
 Array = NDArray[np.float64]
 PATCH_M = 1.0

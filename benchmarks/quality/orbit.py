@@ -14,7 +14,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from jezero.frames import (
+from jezero.base.config import load_config
+from jezero.base.frames import (
     Vec3,
     add,
     q_frd_from_camera,
@@ -26,7 +27,7 @@ from jezero.frames import (
     wrap_pi,
     yaw_from_quat,
 )
-from jezero.runtime.config import load_config
+from jezero.base.vehicle_config import CameraMountConfig, VehicleConfig
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.runtime.service import Service
 from jezero.schemas import topics
@@ -40,7 +41,6 @@ from jezero.services.simulator.camera.service import Camera
 from jezero.services.simulator.camera.view import View
 from jezero.services.simulator.config import SimulatorConfig, WindConfig
 from jezero.trials.stack import RoverDriver, boot_id, service_makers, wired_bus
-from jezero.vehicle_config import CameraMountConfig, VehicleConfig
 
 Array = NDArray[np.float64]
 WIND = WindConfig(mean_mps=3.0, from_deg=250.0, std_gust_mps=0.6)

@@ -20,8 +20,9 @@ import msgspec
 
 from benchmarks.speed.stack import percentile, running_module, running_stack, wait_for
 from jezero import JezeroError, Vehicle
+from jezero.base.config import config_directory
 from jezero.client.session import Connection
-from jezero.runtime.config import Instance, config_directory
+from jezero.runtime.instance import Instance
 from jezero.schemas.state import StatusCode, Truth
 from jezero.schemas.topics import TRUTH
 from jezero.trials.landing.flight import ROVER_DRIVES_BEFORE_S

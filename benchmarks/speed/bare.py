@@ -19,13 +19,13 @@ from typing import Any
 import zenoh
 
 from benchmarks.speed.mavlink_proxy import HOST
-from jezero.codec import encode
-from jezero.runtime.config import Instance, instance_from_environment
+from jezero.base.codec import encode
+from jezero.base.zenoh_client import client_config
+from jezero.runtime.instance import Instance, instance_from_environment
 from jezero.schemas.actions import Accepted, Feedback
 from jezero.schemas.commands import Acquire, AcquireReply, Phase, Setpoint
 from jezero.schemas.goals import GoToGoal, MoveFeedback
 from jezero.schemas.state import Odometry
-from jezero.zenoh_client import client_config
 
 MAVLINK_SETPOINT_BYTES = 65
 POINT = (1.2345678901234567, -2.3456789012345678, -3.4567890123456789)

@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import common as dialect
 
 from benchmarks.speed.bare import run_end
 from benchmarks.speed.mavlink_proxy import HOST
-from jezero.runtime.config import Instance
+from jezero.runtime.instance import Instance
 
 TARGET_NED_M = (3.0, 0.0, -3.0)
 ORIGIN_DEG = (47.397742, 8.545594, 488.0)

@@ -19,11 +19,13 @@ import zenoh
 from benchmarks.speed.bare import direct
 from benchmarks.speed.stack import Stack, cpu_ns, percentile, running_stack
 from jezero import Vehicle
-from jezero.camera_preview import preview_of
+from jezero.base.camera_preview import preview_of
+from jezero.base.config import load_config
+from jezero.base.frames import quat_from_euler
+from jezero.base.vehicle_config import VehicleConfig
+from jezero.base.zenoh_client import client_config
 from jezero.deploy.launcher.ports import reserved_instance
-from jezero.frames import quat_from_euler
 from jezero.runtime.clock import VehicleClock
-from jezero.runtime.config import load_config
 from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.state import Clock, Scene
 from jezero.schemas.topics import CAMERA, CLOCK, key
@@ -33,8 +35,6 @@ from jezero.services.simulator.camera.making import make_renderer
 from jezero.services.simulator.camera.service import NoEglError
 from jezero.services.simulator.camera.view import view_of
 from jezero.services.simulator.config import SimulatorConfig
-from jezero.vehicle_config import VehicleConfig
-from jezero.zenoh_client import client_config
 
 PICTURES = 20
 MEASURE_S = 10.0

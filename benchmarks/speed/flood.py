@@ -19,10 +19,10 @@ import zenoh
 from benchmarks.speed.flooder import FLOODS
 from benchmarks.speed.keys import free_port
 from benchmarks.speed.stack import percentile
+from jezero.base.zenoh_client import client_config
 from jezero.keys.bundle import secured
 from jezero.keys.team import Team
-from jezero.runtime.bus_address import socket_of
-from jezero.zenoh_client import client_config
+from jezero.runtime.instance import socket_of
 
 VEHICLE = "uav1"
 SECONDS = 20.0

@@ -11,8 +11,8 @@ from contextlib import suppress
 
 import zenoh
 
+from jezero.base.zenoh_client import client_config
 from jezero.schemas.topics import STATUS, key, liveliness_key
-from jezero.zenoh_client import client_config
 
 SESSIONS = 4
 MESSAGES = 50

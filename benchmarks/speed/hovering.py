@@ -9,8 +9,8 @@ import zenoh
 from benchmarks.speed.bare import direct
 from benchmarks.speed.stack import HOVER_ALTITUDE_M, Stack, cpu_ns, memory_mb
 from jezero import Vehicle
+from jezero.base.zenoh_client import client_config, data_of
 from jezero.schemas.topics import GET_IMAGES, TOPICS, feedback_of, key
-from jezero.zenoh_client import client_config, data_of
 
 CPU_S = 10.0
 COUNT_S = 5.0

@@ -18,10 +18,10 @@ from pathlib import Path
 import zenoh
 
 from benchmarks.speed.stack import percentile
+from jezero.base.zenoh_client import client_config
 from jezero.keys.team import Team
-from jezero.runtime.bus_address import socket_of
+from jezero.runtime.instance import socket_of
 from jezero.schemas.topics import HOVER, STATUS, key
-from jezero.zenoh_client import client_config
 
 VEHICLE = "keys"
 SECONDS = 15.0

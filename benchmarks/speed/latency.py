@@ -19,11 +19,10 @@ from benchmarks.speed import bare, by_hand
 from benchmarks.speed.mavlink_proxy import Times
 from benchmarks.speed.stack import compose_file, percentile, running_module, running_stack, wait_for
 from jezero import Canceled, Vehicle
+from jezero.base.zenoh_client import client_config
 from jezero.deploy.launcher.ports import HOST, reserved_instance
-from jezero.runtime.bus_address import socket_of
-from jezero.runtime.config import Instance
+from jezero.runtime.instance import Instance, socket_of
 from jezero.schemas.state import StatusCode
-from jezero.zenoh_client import client_config
 
 ODOMETRY_TO_SETPOINT = "odometry received -> setpoint sent"
 FLY_S = 1.0

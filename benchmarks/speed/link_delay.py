@@ -14,7 +14,7 @@ from pathlib import Path
 
 from benchmarks.speed.stack import running_module, running_router
 from jezero.deploy.launcher.ports import reserved_instance
-from jezero.runtime.config import instance_from_environment
+from jezero.runtime.instance import instance_from_environment
 from jezero.runtime.process import new_boot_id, run_service
 from jezero.runtime.service import Inbox, Output, Publish, Service, Spec
 from jezero.schemas import topics

@@ -10,12 +10,12 @@ import zenoh
 from benchmarks.speed.bare import direct
 from benchmarks.speed.stack import HOVER_ALTITUDE_M, compose_file, running_stack
 from jezero import JezeroError, Vehicle
-from jezero.codec import decode
+from jezero.base.codec import decode
+from jezero.base.zenoh_client import client_config
 from jezero.deploy.launcher.ports import reserved_instance
-from jezero.runtime.config import Instance
+from jezero.runtime.instance import Instance
 from jezero.schemas.state import Clock
 from jezero.schemas.topics import CLOCK, key
-from jezero.zenoh_client import client_config
 
 REAL_TIME = 0.98
 """Least ratio of vehicle time to wall time that counts as real time."""

@@ -17,8 +17,8 @@ import time
 
 import msgspec
 
-from jezero.mavlink import MavlinkCodec, dialect
-from jezero.runtime.config import Instance, instance_from_environment
+from jezero.base.mavlink import MavlinkCodec, dialect
+from jezero.runtime.instance import Instance, instance_from_environment
 
 HOST = "127.0.0.1"
 SO_TIMESTAMPNS = 35

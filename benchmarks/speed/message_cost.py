@@ -15,9 +15,9 @@ from typing import Any
 import msgspec
 
 from benchmarks.speed.stack import cpu_ns, running_module, running_router
-from jezero.codec import decode
+from jezero.base.codec import decode
 from jezero.deploy.launcher.ports import reserved_instance
-from jezero.runtime.config import instance_from_environment
+from jezero.runtime.instance import instance_from_environment
 from jezero.runtime.process import new_boot_id, run_service
 from jezero.runtime.service import Inbox, Output, Publish, Spec
 from jezero.schemas.rows import Topic

@@ -8,7 +8,7 @@ import argparse
 import time
 
 from benchmarks.speed.virtual_time import Stopwatch
-from jezero.mavlink import MavlinkCodec
+from jezero.base.mavlink import MavlinkCodec
 from jezero.runtime.node import Node
 from jezero.trials.campaign.mission import fly_mission
 

@@ -13,17 +13,17 @@ from pathlib import Path
 
 from benchmarks.speed.stack import HOVER_ALTITUDE_M, cpu_ns, running_module, running_stack
 from jezero import Vehicle
+from jezero.base.config import load_config
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.deploy.launcher.ports import reserved_instance
 from jezero.recording.folder import newest_recording
 from jezero.recording.images import ImageFormat, compress, decompress
 from jezero.recording.mcap_file import McapFile, RawMessage
 from jezero.recording.viewer_scene import MESSAGES, ViewerScene
 from jezero.recording.writer import RecordingWriter
-from jezero.runtime.config import load_config
 from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.topics import CAMERA
 from jezero.schemas.units import NS_PER_S
-from jezero.vehicle_config import VehicleConfig
 
 REPEATS = 3
 IMAGES = 50

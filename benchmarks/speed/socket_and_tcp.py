@@ -17,11 +17,11 @@ from msgspec.structs import replace
 from benchmarks.speed.latency import delays
 from benchmarks.speed.mavlink_proxy import HOST
 from benchmarks.speed.stack import running_module
+from jezero.base.zenoh_client import config_of
 from jezero.deploy.launcher.ports import reserved_instance
 from jezero.keys.rights import local_access_control
-from jezero.runtime.bus_address import socket_of
+from jezero.runtime.instance import socket_of
 from jezero.runtime.routing import ROUTER_SETTINGS
-from jezero.zenoh_client import config_of
 
 EXCHANGES = 2000
 PERIOD_S = 0.01

@@ -15,8 +15,7 @@ from msgspec.structs import replace
 
 from jezero.deploy.launcher.ports import instance_environment
 from jezero.deploy.launcher.state import RunFolder
-from jezero.runtime.bus_address import socket_of
-from jezero.runtime.config import Instance
+from jezero.runtime.instance import Instance, socket_of
 
 ROOT = Path(__file__).resolve().parents[2]
 JEZERO = (sys.executable, "-m", "jezero.cli.main")

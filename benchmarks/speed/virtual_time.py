@@ -13,8 +13,8 @@ from typing import Any
 
 import msgspec
 
-from jezero.mavlink import MavlinkCodec
-from jezero.runtime.config import load_config
+from jezero.base.config import load_config
+from jezero.base.mavlink import MavlinkCodec
 from jezero.runtime.node import Node
 from jezero.schemas import topics
 from jezero.schemas.goals import LandOnSpotGoal

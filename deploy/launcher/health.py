@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
-from jezero.runtime.config import Instance
+from jezero.runtime.instance import Instance
 from jezero.schemas import topics
 from jezero.schemas.health import GateLinks, ServiceHealth
 from jezero.schemas.topics import key, liveliness_key
@@ -62,7 +62,7 @@ def _open(router: str) -> "zenoh.Session | None":
     """Open a client's session; None if no router replies at once."""
     import zenoh
 
-    from jezero.zenoh_client import client_config
+    from jezero.base.zenoh_client import client_config
 
     config = client_config(router)
     config.insert_json5("connect/timeout_ms", str(CONNECT_TRY_MS))
@@ -172,7 +172,7 @@ class HealthWatcher:
         self._on_change()
 
     def _on_health(self, sample: "zenoh.Sample") -> None:
-        from jezero.codec import BadPayloadError, decode
+        from jezero.base.codec import BadPayloadError, decode
 
         try:
             health: ServiceHealth = decode(ServiceHealth, sample.payload.to_bytes())
@@ -206,7 +206,7 @@ class HealthWatcher:
                 )
 
     def _on_beat(self, sample: "zenoh.Sample", *, is_reply: bool) -> None:
-        from jezero.codec import BadPayloadError, decode
+        from jezero.base.codec import BadPayloadError, decode
 
         try:
             links: GateLinks = decode(GateLinks, sample.payload.to_bytes())
@@ -216,7 +216,7 @@ class HealthWatcher:
             self._on_gate(links, is_reply)
 
     def _on_status(self, sample: "zenoh.Sample") -> None:
-        from jezero.codec import BadPayloadError, decode
+        from jezero.base.codec import BadPayloadError, decode
 
         if not self._is_put_on(topics.STATUS.name, sample):
             return

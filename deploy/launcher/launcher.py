@@ -13,6 +13,7 @@ from typing import TextIO
 
 from msgspec.structs import replace
 
+from jezero.base.router_address import shown_router
 from jezero.deploy.launcher.compose import Service, in_levels
 from jezero.deploy.launcher.freezes import SAMPLE_PERIOD_S, FreezeDetector, sample_process
 from jezero.deploy.launcher.gate_watch import GateWatch
@@ -20,8 +21,7 @@ from jezero.deploy.launcher.health import HealthWatcher
 from jezero.deploy.launcher.output import Output
 from jezero.deploy.launcher.processes import Child, RestartPolicy, SpawnError, describe_exit, spawn
 from jezero.deploy.launcher.state import LaunchedService, RunFolder, RunState, ServiceState, start_ticks
-from jezero.router_address import shown_router
-from jezero.runtime.config import Instance
+from jezero.runtime.instance import Instance
 from jezero.schemas.health import GateLinks
 
 BRIDGE, GATE = "vehicle_bridge", "gate"

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from datetime import UTC, datetime
 from typing import TextIO
 
+from jezero.base.plain_text import plain
 from jezero.deploy.launcher.state import RunFolder
-from jezero.plain_text import plain
 
 COLOURS = (36, 33, 32, 35, 34, 96, 93, 92, 95, 94)
 MAX_LINE_BYTES = 65536

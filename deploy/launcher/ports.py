@@ -6,8 +6,7 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from jezero.runtime.bus_address import socket_of
-from jezero.runtime.config import Instance
+from jezero.runtime.instance import Instance, socket_of
 from jezero.runtime.linux_processes import Protocol, listen_problem
 
 HOST = "127.0.0.1"

@@ -11,17 +11,17 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
+from jezero.base.config import config_directory
+from jezero.base.router_address import shown_router
 from jezero.deploy.launcher.claims import Claims
 from jezero.deploy.launcher.compose import Service
 from jezero.deploy.launcher.health import HealthWatcher, router_is_up
 from jezero.deploy.launcher.ports import ports_of
 from jezero.deploy.launcher.state import AlreadyUpError, RunFolder, StartError
 from jezero.replay import NAME as REPLAY
-from jezero.router_address import shown_router
-from jezero.runtime.bus_address import PREFIX, bus_of_router, socket_of
-from jezero.runtime.config import LISTEN_VARIABLE, Instance, config_directory, links_from_environment
+from jezero.runtime.instance import LISTEN_VARIABLE, PREFIX, Instance, links_from_environment, socket_of
 from jezero.runtime.linux_processes import listen_problem
-from jezero.runtime.routing import ListenError, check_local, router_problem
+from jezero.runtime.routing import ListenError, bus_of_router, check_local, router_problem
 
 OPEN_FILES_MIN = 256
 """The launcher of the shipped stack has 63 files open, its router 49 and 3 more for each client."""

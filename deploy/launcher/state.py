@@ -9,7 +9,7 @@ from typing import Literal
 
 import msgspec
 
-from jezero.runtime.bus_address import NAMES
+from jezero.runtime.instance import NAMES
 
 ServiceState = Literal["waiting", "running", "restarting", "stopping", "stopped", "exited", "failed", "external"]
 """waiting: waits for its dependencies. restarting: waits for its restart. stopped: stopped on request. exited: ended

@@ -6,7 +6,7 @@ from math import hypot
 
 from jezero.area_files.polygon import AreaFileError, Corner, FilePolygon, Ring
 from jezero.area_files.rings import ring_area
-from jezero.frames import ned_from_geodetic
+from jezero.base.frames import ned_from_geodetic
 
 DISTANCE_MAX_M = 50_000.0
 """An area farther away than this is misread: metres for degrees, longitude for latitude, or another place's origin."""

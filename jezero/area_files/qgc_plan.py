@@ -6,7 +6,7 @@ from typing import Any
 
 from jezero.area_files.polygon import AreaFileError, Corner, FilePolygon, Ring, excerpt, number_from, ring_from
 from jezero.area_files.rings import overlap
-from jezero.frames import geodetic_from_ned
+from jezero.base.frames import geodetic_from_ned
 
 CIRCLE_CORNERS = 72
 """The polygon in place of a circle differs from it by a thousandth of the radius."""

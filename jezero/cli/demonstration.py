@@ -20,11 +20,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from jezero.base.files import keep_private
 from jezero.cli.goals import as_planned, fly_goal, show_plan, take_pictures
 from jezero.cli.options import common_options
 from jezero.cli.survey import map_pictures
 from jezero.cli.terminal import ABORTED, Printer, connected
-from jezero.private_files import keep_private
 
 if TYPE_CHECKING:
     from jezero.client import Vehicle
@@ -259,14 +259,14 @@ def recorded(vehicle: str, router: str, path: Path) -> Iterator[None]:
     """Record the messages of a vehicle, without images, during the block and shortly after, until it is disarmed."""
     import zenoh
 
+    from jezero.base.config import load_config
+    from jezero.base.vehicle_config import VehicleConfig
+    from jezero.base.zenoh_client import client_config
     from jezero.recording.about import about
     from jezero.recording.channels import keys_without_images
     from jezero.recording.viewer_scene import ViewerScene
     from jezero.recording.writer import RecordingWriter
-    from jezero.runtime.config import load_config
     from jezero.schemas.topics import key
-    from jezero.vehicle_config import VehicleConfig
-    from jezero.zenoh_client import client_config
 
     prefix = key(vehicle, "")
     scene = ViewerScene(load_config(VehicleConfig, "vehicle"))

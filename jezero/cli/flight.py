@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any, cast, get_args
 import click
 import msgspec
 
+from jezero.base.files import naming
 from jezero.cli.goals import fly_goal, point_in_words, send_goal
 from jezero.cli.options import FINITE, FRAMES, NUMBERS, FiniteRange, common_options, flight_options
 from jezero.cli.terminal import REFUSED, Printer, connected
-from jezero.os_errors import naming
 
 if TYPE_CHECKING:
+    from jezero.base.frames import Vec3
     from jezero.client.rover import Leg
-    from jezero.frames import Vec3
     from jezero.schemas.goals import Frame
     from jezero.schemas.preflight import Override, PreflightReport
     from jezero.schemas.rows import Action
@@ -134,7 +134,7 @@ def target(
 
     FRAME is world (default) or rover; TAKEOFF true takes off first: `jezero target 0 0 -4 world true`.
     """
-    from jezero.frames import wrap_pi
+    from jezero.base.frames import wrap_pi
     from jezero.schemas.goals import GoToGoal
     from jezero.schemas.topics import GO_TO
 
@@ -342,7 +342,7 @@ def action() -> None:
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per line.")
 def list_actions(as_json: bool) -> None:
     """Show every action with the fields of its goal; a field without a default must be given."""
-    from jezero.plugins import PluginError, action_names, find_action
+    from jezero.base.plugins import PluginError, action_names, find_action
     from jezero.schemas.topics import ACTIONS
 
     for name in action_names():
@@ -369,7 +369,7 @@ def send(name: str, fields: tuple[str, ...], yes: bool, vehicle: str, router: st
 
     A VALUE is JSON where it parses, and text otherwise: `jezero action send go_to target_ned_m=[0,0,-4]`.
     """
-    from jezero.plugins import find_action
+    from jezero.base.plugins import find_action
 
     printer = Printer(as_json)
     given = _goal_fields(name, fields)
@@ -388,7 +388,7 @@ def _goal_fields(name: str, words: tuple[str, ...]) -> dict[str, Any]:
     Raises:
         click.UsageError: a word has no `=`, a field is unknown or given twice, or there is no such action.
     """
-    from jezero.plugins import PluginError, find_action
+    from jezero.base.plugins import PluginError, find_action
 
     try:
         known = _described_fields(find_action(name))
@@ -577,12 +577,12 @@ def orthophoto(file: Path, middle: tuple[float, float], side_m: float, resolutio
 
     No running stack is needed. The vehicle starts at 0 0. Vehicle and rover are not in the image.
     """
+    from jezero.base.config import load_config
+    from jezero.base.vehicle_config import VehicleConfig
     from jezero.client.png import png_of
-    from jezero.runtime.config import load_config
     from jezero.services.simulator.camera.orthophoto import make_orthophoto
     from jezero.services.simulator.camera.service import NoEglError
     from jezero.services.simulator.config import SimulatorConfig
-    from jezero.vehicle_config import VehicleConfig
 
     if side_m / resolution > 20_000:
         raise click.UsageError(f"{side_m:g} m at {resolution:g} m per pixel are more than 20,000 pixels across")

@@ -17,10 +17,10 @@ import msgspec
 from jezero.cli.terminal import FAILED, USAGE, Keyboard, Printer
 
 if TYPE_CHECKING:
+    from jezero.base.frames import Vec3
     from jezero.client import Goal, Vehicle
     from jezero.client.dataset import Dataset
     from jezero.client.images import ImagesGoal
-    from jezero.frames import Vec3
     from jezero.schemas import goals
     from jezero.schemas.actions import FeedbackMessage, PlanReply
     from jezero.schemas.rows import Action

@@ -56,7 +56,7 @@ def _settings(given: dict[str, Any]) -> "GroundStationConfig":
     """The settings of ground_station.toml, with the options in their places."""
     import msgspec
 
-    from jezero.runtime.config import load_config
+    from jezero.base.config import load_config
     from jezero.services.ground_station.config import GroundStationConfig
 
     changes = {name: value for name, value in given.items() if value is not None}
@@ -80,8 +80,8 @@ def _set_password(config: "GroundStationConfig") -> None:
 
 
 def _serve(config: "GroundStationConfig", vehicle: str, router: str, recording: Path | None) -> None:
-    from jezero.runtime.config import load_config
-    from jezero.vehicle_config import VehicleConfig
+    from jezero.base.config import load_config
+    from jezero.base.vehicle_config import VehicleConfig
 
     with _ground_extra():
         from jezero.services.ground_station.access import listening_of
@@ -109,7 +109,7 @@ def _ground_extra() -> Iterator[None]:
 
 def _run_folder(vehicle: str) -> Path | None:
     """Folder of the vehicle's run on this machine, whose recordings are listed; None when there is none."""
-    from jezero.runtime.bus_address import run_folder_of
+    from jezero.runtime.instance import run_folder_of
 
     try:
         return run_folder_of(vehicle)

@@ -62,7 +62,7 @@ def topics(as_json: bool, as_mermaid: bool) -> None:
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per action, with JSON Schemas.")
 def actions(name: str | None, as_json: bool) -> None:
     """Show every action, or the fields of goal, feedback and result of the action NAME."""
-    from jezero.plugins import action_names, all_actions, find_action
+    from jezero.base.plugins import action_names, all_actions, find_action
 
     if name is not None and name not in action_names():
         raise click.BadParameter(f"there is no action {name}: there are {', '.join(action_names())}")

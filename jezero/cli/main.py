@@ -108,13 +108,13 @@ class LazyGroup(click.Group):
         try:
             return super().invoke(ctx)
         except ValueError as error:
-            from jezero.runtime.config import ConfigError
+            from jezero.base.config import ConfigError
 
             if not isinstance(error, ConfigError):
                 raise
             raise click.ClickException(str(error)) from None
         except OSError as error:
-            from jezero.os_errors import describe_os_error
+            from jezero.base.files import describe_os_error
 
             if error.errno == EPIPE:  # click ends quietly when nobody reads the output any more
                 raise

@@ -95,7 +95,7 @@ def fence() -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def check_fence(file: str, as_json: bool) -> None:
     """Name the mistakes of a fence file."""
-    from jezero.fence import fence_doubts
+    from jezero.base.fence import fence_doubts
 
     printer = Printer(as_json)
     read = read_fence_file(file, printer)
@@ -145,9 +145,9 @@ def show_fence(vehicle: str, router: str, as_json: bool) -> None:
 
 def _fence_doubts(uav: "Vehicle", fence: "Fence") -> tuple[str, ...]:
     """Warnings for the person who has set a fence: about its parts, and about a vehicle or a rover outside."""
+    from jezero.base.fence import fence_doubts, places_outside
+    from jezero.base.frames import subtract
     from jezero.client.errors import JezeroError
-    from jezero.fence import fence_doubts, places_outside
-    from jezero.frames import subtract
 
     held, odometry = uav.fence().fence, uav.status().odometry
     if odometry is None or held is None:
@@ -256,8 +256,8 @@ def _show_plan(
     Returns:
         The number of steps that would fail, and the duration in s of the whole mission, as far as it is known.
     """
+    from jezero.base.plugins import all_actions
     from jezero.mission_files import plan_mission
-    from jezero.plugins import all_actions
 
     start = _plan_start(uav, wind)
     plans = list(plan_mission(file.mission, all_actions(), _planner(uav, origin_deg), start))
@@ -276,10 +276,10 @@ def _origin_deg(uav: "Vehicle") -> Sequence[float] | None:
 
 def _plan_start(uav: "Vehicle | None", wind: Wind | None) -> "Start":
     """The vehicle as it is, or one that stands on the origin with a full battery."""
+    from jezero.base.config import load_config
+    from jezero.base.vehicle_config import VehicleConfig
     from jezero.mission_files.planning import Start
-    from jezero.runtime.config import load_config
     from jezero.services.mission.config import MissionConfig
-    from jezero.vehicle_config import VehicleConfig
 
     way_margin = load_config(MissionConfig, "mission").way_margin
     start = Start(vehicle=load_config(VehicleConfig, "vehicle"), way_margin=way_margin)

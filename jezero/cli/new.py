@@ -7,8 +7,8 @@ from string import Template
 
 import click
 
-from jezero.os_errors import naming
-from jezero.plugins import name_problem
+from jezero.base.files import naming
+from jezero.base.plugins import name_problem
 
 SUFFIX = ".tmpl"
 

@@ -173,7 +173,7 @@ def vehicle_origin(odometry: "Odometry | None") -> Origin | None:
 
 def simulator_origin() -> Origin:
     """The origin of the simulator's world, for plans that no stack flies."""
-    from jezero.runtime.config import load_config
+    from jezero.base.config import load_config
     from jezero.services.simulator.config import SimulatorConfig
 
     latitude_deg, longitude_deg, altitude_m = load_config(SimulatorConfig, "simulator").origin.origin_deg

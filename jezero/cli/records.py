@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, cast
 
 import click
 
+from jezero.base.router_address import is_loopback, shown_router
 from jezero.cli.options import FINITE, RECORDING_PATH, common_options
 from jezero.cli.terminal import UNREACHABLE, Printer
-from jezero.router_address import is_loopback, shown_router
 from jezero.schemas.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -60,13 +60,13 @@ def watch(foxglove: bool, host: str, port: int, vehicle: str, router: str, as_js
 def _serve(printer: Printer, vehicle: str, router: str, host: str, port: int) -> None:
     import zenoh
 
+    from jezero.base.config import load_config
+    from jezero.base.vehicle_config import VehicleConfig
+    from jezero.base.zenoh_client import client_config
     from jezero.client.session import hidden_reason
     from jezero.keys.diagnosis import connection_problem
     from jezero.recording.live import LiveServer, ServeError, VehicleMessages
     from jezero.recording.viewer_scene import ViewerScene
-    from jezero.runtime.config import load_config
-    from jezero.vehicle_config import VehicleConfig
-    from jezero.zenoh_client import client_config
 
     scene = ViewerScene(load_config(VehicleConfig, "vehicle"))
     try:

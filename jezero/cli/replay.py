@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import click
 
+from jezero.base.router_address import is_on_this_computer, shown_router
 from jezero.cli.options import FINITE, RECORDING_PATH, vehicle_options
 from jezero.cli.terminal import FAILED, REFUSED, UNREACHABLE, Keyboard
-from jezero.router_address import is_on_this_computer, shown_router
 from jezero.schemas.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ def _check_vehicle(vehicle: str) -> None:
     """Refuse a name that is none: a wildcard would be published to every vehicle."""
     import msgspec
 
-    from jezero.runtime.config import NAME_EXPECTED, Instance
+    from jezero.runtime.instance import NAME_EXPECTED, Instance
 
     try:
         msgspec.convert({"vehicle": vehicle}, Instance)
@@ -246,10 +246,10 @@ def _open_bus(router: str, vehicle: str) -> Iterator[_Bus]:
     """
     import zenoh
 
+    from jezero.base.zenoh_client import client_config
     from jezero.keys.diagnosis import connection_problem
-    from jezero.runtime.bus_address import bus_of_router, run_folder_of, socket_of
-    from jezero.runtime.routing import ListenError, open_router
-    from jezero.zenoh_client import client_config
+    from jezero.runtime.instance import run_folder_of, socket_of
+    from jezero.runtime.routing import ListenError, bus_of_router, open_router
 
     is_own = False
     try:

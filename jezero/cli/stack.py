@@ -13,17 +13,17 @@ from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 import click
 
+from jezero.base.files import keep_private
+from jezero.base.router_address import shown_router
 from jezero.cli.options import INSECURE, KEYS, Router, insecure_option, keys_option
 from jezero.cli.terminal import FAILED, REFUSED, print_table
 from jezero.keys.bundle import INSECURE_VARIABLE
 from jezero.keys.bundle import VARIABLE as KEYS_VARIABLE
-from jezero.private_files import keep_private
-from jezero.router_address import shown_router
 
 if TYPE_CHECKING:
     from jezero.deploy.launcher.compose import Service
     from jezero.deploy.launcher.state import RunFolder, RunState
-    from jezero.runtime.config import HostLinks, Instance
+    from jezero.runtime.instance import HostLinks, Instance
 
 POLL_S = 0.05
 LAUNCHER_LOG = "launcher.log"
@@ -48,8 +48,7 @@ def run_dir_option(command: Callable[..., Any]) -> Callable[..., Any]:
 def run_folder(run_dir: Path | None) -> "RunFolder":
     """The folder of that option, or the default one of the vehicle."""
     from jezero.deploy.launcher.state import RunFolder
-    from jezero.runtime.bus_address import default_run_folder
-    from jezero.runtime.config import vehicle_from_environment
+    from jezero.runtime.instance import default_run_folder, vehicle_from_environment
 
     return RunFolder(run_dir or default_run_folder(vehicle_from_environment()))
 
@@ -106,7 +105,7 @@ def up(
     jezero up --profile onboard --listen tls/0.0.0.0:7448 --keys vehicle-uav1
     jezero up --profile ground --connect tls/192.168.1.10:7448 --keys ground-lab
     """
-    from jezero.runtime.config import instance_from_environment, links_from_environment
+    from jezero.runtime.instance import instance_from_environment, links_from_environment
 
     start_s = time.monotonic()
     _set_environment(context, listen, connect)
@@ -131,7 +130,7 @@ def up(
 
 def _set_environment(context: click.Context, listen: tuple[str, ...], connect: tuple[str, ...]) -> None:
     """Set the variables by which the services, and this process, know what the options say."""
-    from jezero.runtime.config import CONNECT_VARIABLE, LISTEN_VARIABLE
+    from jezero.runtime.instance import CONNECT_VARIABLE, LISTEN_VARIABLE
 
     if (keys := context.meta[KEYS]) is not None:
         os.environ[KEYS_VARIABLE] = str(keys.resolve())
@@ -143,8 +142,8 @@ def _set_environment(context: click.Context, listen: tuple[str, ...], connect: t
 
 
 def _read_services(path: Path, profiles: tuple[str, ...], *, linked: bool) -> "dict[str, Service]":
+    from jezero.base.plugins import plugin_names
     from jezero.deploy.launcher.compose import ComposeError, parse, select, with_actions
-    from jezero.plugins import plugin_names
 
     variables = {GATE_VARIABLE: "1" if linked else "0", **os.environ}
     try:
@@ -172,8 +171,8 @@ class _CannotStart(Exception):  # noqa: N818
 @contextlib.contextmanager
 def _sentences(folder: "RunFolder") -> Iterator[None]:
     """Turn each reason why a stack can't run in a folder into a `_CannotStart`."""
+    from jezero.base.files import describe_os_error
     from jezero.deploy.launcher.state import AlreadyUpError, StartError
-    from jezero.os_errors import describe_os_error
 
     try:
         yield
@@ -219,7 +218,7 @@ def _launch(
 
 
 def _warn_if_insecure(links: "HostLinks") -> None:
-    from jezero.router_address import insecurity
+    from jezero.base.router_address import insecurity
 
     for endpoint in (*links.listen, *links.connect):
         if warning := insecurity(endpoint):
@@ -393,7 +392,7 @@ def _is_healthy(service: str, timeout_s: float = 3.0) -> bool:
     import threading
 
     from jezero.deploy.launcher.health import HealthWatcher
-    from jezero.runtime.config import instance_from_environment
+    from jezero.runtime.instance import instance_from_environment
 
     changed = threading.Event()
     deadline_s = time.monotonic() + timeout_s

@@ -12,6 +12,7 @@ import click
 import msgspec
 from click.core import ParameterSource
 
+from jezero.base.files import keep_private, write_whole
 from jezero.cli.goals import agreed_plan, as_planned, flight_in_words, minutes, send_goal, take_pictures
 from jezero.cli.options import (
     FINITE,
@@ -26,8 +27,6 @@ from jezero.cli.options import (
     vehicle_origin,
 )
 from jezero.cli.terminal import Printer, connected
-from jezero.os_errors import write_whole
-from jezero.private_files import keep_private
 
 if TYPE_CHECKING:
     from jezero.area_files import FilePolygon
@@ -466,7 +465,7 @@ def around_origin(goal: "AreaCoverageGoal", origin: Origin | None) -> "AreaCover
 
     The area is moved as a whole, so that it keeps its plan and the numbers of its images. An area in metres stays.
     """
-    from jezero.frames import ned_from_geodetic
+    from jezero.base.frames import ned_from_geodetic
 
     if origin is None or goal.origin_deg is None or goal.origin_deg == origin.position_deg:
         return goal
@@ -569,10 +568,10 @@ def map_pictures(printer: Printer, folder: Path, m_per_px: float = M_PER_PX, out
     Raises:
         click.ClickException: the folder has no images, or they cannot be mapped.
     """
+    from jezero.base.config import load_config
+    from jezero.base.vehicle_config import VehicleConfig
     from jezero.mapping.making import make_map
     from jezero.mapping.survey import SurveyError
-    from jezero.runtime.config import load_config
-    from jezero.vehicle_config import VehicleConfig
 
     file = (out or folder / "map.png").with_suffix(".png")
     try:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, Self
 
 import click
 
-from jezero.router_address import insecurity
+from jezero.base.router_address import insecurity
 
 if TYPE_CHECKING:
     from rich.progress import Progress

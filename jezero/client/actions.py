@@ -6,17 +6,17 @@ from typing import Any
 
 import msgspec
 
+from jezero.base.codec import encode
+from jezero.base.plugins import PluginError, find_action
+from jezero.base.zenoh_client import FIRST
 from jezero.client.errors import Refused, TimedOut
 from jezero.client.images import Picture, fetch_picture
 from jezero.client.session import Connection, decoder
-from jezero.codec import encode
-from jezero.plugins import PluginError, find_action
 from jezero.schemas.actions import ActionDescription, Cancel, CancelReply, GetDescription, GetRunning, RunningGoal
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import Goal
 from jezero.schemas.images import Image
 from jezero.schemas.rows import Action
-from jezero.zenoh_client import FIRST
 
 REPLIES_TIMEOUT_S = 1.0
 CANCEL_TIMEOUT_S = 3.0

@@ -4,7 +4,7 @@ import io
 from pathlib import Path
 from typing import TypeVar
 
-from jezero.camera_preview import FRAME_TIMEOUT_S
+from jezero.base.camera_preview import FRAME_TIMEOUT_S
 from jezero.client.errors import JezeroError, TimedOut, Unreachable
 from jezero.client.png import png_of
 from jezero.client.session import Connection

@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 import msgspec
 
+from jezero.base.files import naming, write_whole
 from jezero.client.images import Picture
-from jezero.os_errors import naming, write_whole
 from jezero.schemas.images import LISTING, Image
 
 if TYPE_CHECKING:

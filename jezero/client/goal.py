@@ -4,9 +4,10 @@ import time
 from collections.abc import Iterator, Mapping
 from typing import Any, Generic, TypeVar, cast
 
+from jezero.base.codec import encode
+from jezero.base.zenoh_client import FIRST
 from jezero.client.errors import Aborted, Canceled, JezeroError, Refused, TimedOut, Unreachable
 from jezero.client.session import Arrivals, Connection, decode, decoder
-from jezero.codec import encode
 from jezero.schemas.actions import (
     Accepted,
     Cancel,
@@ -26,7 +27,6 @@ from jezero.schemas.actions import (
 from jezero.schemas.goals import Goal as GoalPayload
 from jezero.schemas.rows import Action
 from jezero.schemas.topics import RESULT
-from jezero.zenoh_client import FIRST
 
 F = TypeVar("F")
 R = TypeVar("R")

@@ -7,12 +7,12 @@ from typing import Any, Literal
 
 import msgspec
 
+from jezero.base.plugins import PluginError, find_action
 from jezero.client.errors import Refused, TimedOut, Unreachable
 from jezero.client.goal import Goal
 from jezero.client.images import ImagesGoal
 from jezero.client.session import Connection
 from jezero.client.status import REPLY_TIMEOUT_S, request_status
-from jezero.plugins import PluginError, find_action
 from jezero.schemas.actions import PlanReply
 from jezero.schemas.goals import Goal as GoalPayload
 from jezero.schemas.rows import Action

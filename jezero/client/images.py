@@ -12,14 +12,14 @@ goal.result()
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
+from jezero.base.codec import encode
+from jezero.base.zenoh_client import LAST
 from jezero.client.errors import EndedError, JezeroError
 from jezero.client.goal import Goal
 from jezero.client.session import Connection, decode
-from jezero.codec import encode
 from jezero.schemas.goals import ImagesFeedback, ImagesResult
 from jezero.schemas.images import GetImage, Image, ImageReply
 from jezero.schemas.rows import Action
-from jezero.zenoh_client import LAST
 
 IMAGE_TIMEOUT_S = 10.0
 

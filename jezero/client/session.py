@@ -14,15 +14,15 @@ from typing import Any, NoReturn
 
 import zenoh
 
+from jezero.base.codec import BadPayloadError, encode, reader
+from jezero.base.plain_text import plain
+from jezero.base.router_address import shown_router
+from jezero.base.zenoh_client import FIRST, client_config, data_of
 from jezero.client.errors import JezeroError, Refused, TimedOut, Unreachable
-from jezero.codec import BadPayloadError, encode, reader
-from jezero.plain_text import plain
-from jezero.router_address import shown_router
 from jezero.schemas.rows import Endpoint, Topic
 from jezero.schemas.struct import Message, Payload
 from jezero.schemas.topics import key, liveliness_key
 from jezero.schemas.units import NS_PER_S
-from jezero.zenoh_client import FIRST, client_config, data_of
 
 CONNECT_ATTEMPT_S = 0.5
 TIMEOUT_MARGIN_S = 0.2

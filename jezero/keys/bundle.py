@@ -7,10 +7,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from jezero.base.files import describe_os_error
+from jezero.base.router_address import is_insecure, parse_router
 from jezero.keys.files import read_plain_file
 from jezero.keys.members import MEMBERS, KeysError, Members, read_members
-from jezero.os_errors import describe_os_error
-from jezero.router_address import is_insecure, parse_router
 
 if TYPE_CHECKING:
     from cryptography import x509

@@ -8,12 +8,12 @@ import ssl
 from datetime import UTC, datetime
 from pathlib import Path
 
+from jezero.base.files import describe_os_error
+from jezero.base.router_address import is_loopback, parse_router, shown_router
 from jezero.keys.bundle import VARIABLE, Identity, check_private, files_of, identity_of, read_certificate
 from jezero.keys.files import read_plain_file
 from jezero.keys.members import MEMBERS, ROLES, KeysError, read_members
 from jezero.keys.rights import may_send
-from jezero.os_errors import describe_os_error
-from jezero.router_address import is_loopback, parse_router, shown_router
 
 PROBE_TIMEOUT_S = 0.5
 """A handshake takes some ms, and a radio's round trip some hundred at most."""

@@ -11,9 +11,9 @@ from typing import Literal, get_args
 
 import msgspec
 
+from jezero.base.files import describe_os_error, write_whole
 from jezero.keys.files import KeysError as KeysError  # noqa: PLC0414 - the name of this package's error for others
 from jezero.keys.files import read_plain_file
-from jezero.os_errors import describe_os_error, write_whole
 
 Role = Literal["vehicle", "rover", "ground", "pilot", "viewer"]
 ROLES: tuple[Role, ...] = get_args(Role)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from jezero.base.files import write_whole
 from jezero.keys.authority import issue, issue_authority, new_key
 from jezero.keys.bundle import (
     CA,
@@ -38,7 +39,6 @@ from jezero.keys.members import (
     read_members,
     write_members,
 )
-from jezero.os_errors import write_whole
 
 if TYPE_CHECKING:
     from cryptography import x509

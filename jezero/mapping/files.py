@@ -19,8 +19,8 @@ from xml.sax.saxutils import escape
 import cv2
 import numpy as np
 
-from jezero.frames import EARTH_RADIUS_M, Vec3, geodetic_from_ned
-from jezero.os_errors import naming
+from jezero.base.files import naming
+from jezero.base.frames import EARTH_RADIUS_M, Vec3, geodetic_from_ned
 
 if TYPE_CHECKING:
     from PIL.TiffImagePlugin import ImageFileDirectory_v2

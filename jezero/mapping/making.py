@@ -5,14 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
-from jezero.frames import Vec3
+from jezero.base.frames import Vec3
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.mapping.alignment import Alignment, align
 from jezero.mapping.files import save_map
 from jezero.mapping.ground import fit_ground
 from jezero.mapping.matching import find_matches
 from jezero.mapping.mosaic import Mosaic, make_mosaic
 from jezero.mapping.survey import read_survey
-from jezero.vehicle_config import VehicleConfig
 
 
 @dataclass(frozen=True)

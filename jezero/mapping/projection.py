@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from jezero.lens import distort
+from jezero.base.lens import distort
 from jezero.mapping.ground import Ground
 from jezero.mapping.survey import Array, Survey, SurveyError
 

@@ -10,10 +10,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from jezero.frames import Vec3, add, ned_from_geodetic, origin_from, quat_rotate, subtract
+from jezero.base.frames import Vec3, add, ned_from_geodetic, origin_from, quat_rotate, subtract
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.schemas.images import LISTING, Image
 from jezero.schemas.sensors import Distortion
-from jezero.vehicle_config import VehicleConfig
 
 Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]

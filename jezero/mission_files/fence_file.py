@@ -5,11 +5,11 @@ from typing import Any
 
 import msgspec
 
-from jezero.fence import fence_refusal, joined, zone_refusal
+from jezero.base.config import ConfigError, config_directory
+from jezero.base.fence import fence_refusal, joined, zone_refusal
 from jezero.mission_files.goals import in_words
 from jezero.mission_files.nodes import Node, UnreadableError, parse
 from jezero.mission_files.problems import MissionFileError, Problem, Problems, did_you_mean, listed
-from jezero.runtime.config import ConfigError, config_directory
 from jezero.schemas.fence import Fence, Zone
 
 BYTES_MAX = 1_000_000

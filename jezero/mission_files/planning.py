@@ -10,14 +10,13 @@ from typing import Any
 
 import msgspec
 
-from jezero.flight_cost import flight_cost
-from jezero.frames import Vec3, distance, scale, subtract
+from jezero.base.frames import Vec3, distance, scale, subtract
+from jezero.base.vehicle_config import VehicleConfig, flight_cost
 from jezero.schemas.actions import PlanReply
 from jezero.schemas.goals import Goal, ReturnHomeGoal
 from jezero.schemas.mission import GoalStep, Mission, Step, WaitStep
 from jezero.schemas.rows import Action
 from jezero.schemas.topics import LAND_ON_SPOT, RETURN_HOME, TAKEOFF
-from jezero.vehicle_config import VehicleConfig
 
 Plan = Callable[[Action[Any], Goal], PlanReply]
 STILL: Vec3 = (0.0, 0.0, 0.0)

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from jezero.area_files.polygon import FilePolygon
-from jezero.frames import altitude_m, geodetic_from_ned
+from jezero.base.frames import altitude_m, geodetic_from_ned
 from jezero.mission_files.qgc_import import CHANGE_SPEED, DELAY_NAV, LAND, TAKEOFF, WAYPOINT
 from jezero.mission_files.qgc_surveys import MANUAL_CAMERA
 from jezero.schemas.goals import AreaCoverageGoal, GetImagesGoal, Goal, GoToGoal, LandOnSpotGoal, TakeoffGoal

@@ -6,8 +6,8 @@ from typing import Any
 
 from jezero.area_files.polygon import AreaFileError, excerpt, number_from
 from jezero.area_files.qgc_plan import SAVE_AGAIN, checked_plan, read_surveys
-from jezero.fence import fence_refusal
-from jezero.frames import ned_from_geodetic
+from jezero.base.fence import fence_refusal
+from jezero.base.frames import ned_from_geodetic
 from jezero.mission_files.fence_file import fence_of_plan
 from jezero.mission_files.imported import ImportedMission
 from jezero.mission_files.plan_items import Height, PlanItem, item_height, place_deg, simple_item

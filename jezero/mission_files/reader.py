@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from jezero.base.plugins import all_actions
 from jezero.mission_files.goals import Places, height_m
 from jezero.mission_files.nodes import Node, UnreadableError, parse
 from jezero.mission_files.problems import MissionFileError, Problem, Problems, did_you_mean, listed
 from jezero.mission_files.steps import Steps, failure_policy
-from jezero.plugins import all_actions
 from jezero.schemas.mission import FailurePolicy, Mission
 from jezero.schemas.rows import Action
 

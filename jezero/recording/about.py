@@ -5,8 +5,8 @@ from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
-from jezero.os_errors import describe_os_error
-from jezero.runtime.config import ConfigError, config_directory
+from jezero.base.config import ConfigError, config_directory
+from jezero.base.files import describe_os_error
 
 
 def about(**extra: str) -> dict[str, str]:

@@ -6,8 +6,8 @@ from typing import Any
 
 import msgspec
 
-from jezero.codec import has_attachment
-from jezero.plugins import PluginError, load_declaration, plugin_names
+from jezero.base.codec import has_attachment
+from jezero.base.plugins import PluginError, load_declaration, plugin_names
 from jezero.recording import foxglove, viewer_scene
 from jezero.recording.images import HEADERS
 from jezero.schemas.rows import Action, Topic

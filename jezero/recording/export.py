@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from jezero.os_errors import naming
+from jezero.base.files import naming
 from jezero.recording.mcap_file import RecordingError
 from jezero.recording.reader import Entry, Recording
 from jezero.recording.table import make_table

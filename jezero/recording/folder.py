@@ -8,7 +8,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import NamedTuple
 
-from jezero.os_errors import describe_os_error
+from jezero.base.files import describe_os_error
 from jezero.recording.channels import topic_of
 from jezero.recording.images import ImageFormat
 from jezero.recording.viewer_scene import ViewerScene

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from jezero.codec import BadPayloadError, decode_request
+from jezero.base.codec import BadPayloadError, decode_request
 from jezero.schemas import journal
 from jezero.schemas.actions import Accepted, FeedbackMessage, Rejected, Result
 from jezero.schemas.goals import Goal

@@ -7,7 +7,7 @@ from typing import Any, Literal, NamedTuple
 
 import msgspec
 
-from jezero.codec import decode, split_attachment
+from jezero.base.codec import decode, split_attachment
 from jezero.recording import foxglove
 from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.topics import CAMERA

@@ -9,11 +9,11 @@ from typing import NamedTuple, Self
 import foxglove
 import zenoh
 
+from jezero.base.zenoh_client import data_of
 from jezero.recording.channels import json_schema, keys_without_images, schema_name, topic_of
 from jezero.recording.images import HEADERS, ImageFormat, split_image
 from jezero.recording.viewer_scene import ViewerScene
 from jezero.schemas.topics import CAMERA, key
-from jezero.zenoh_client import data_of
 
 WAITING_MAX = 5000
 """Messages that wait for a busy server; beyond it the oldest are dropped. It is the load of about ten seconds."""

@@ -10,7 +10,7 @@ from mcap.exceptions import EndOfFile, McapError
 from mcap.records import Channel, Chunk, Footer, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 
-from jezero.os_errors import describe_os_error
+from jezero.base.files import describe_os_error
 
 ABOUT = "jezero"
 """Name of the metadata record that says what was recorded."""

@@ -2,7 +2,8 @@
 
 from typing import TypedDict
 
-from jezero.frames import Vec3
+from jezero.base.frames import Vec3
+from jezero.base.vehicle_config import AirframeConfig, PlatformConfig
 from jezero.recording.foxglove import (
     LINE_LIST,
     ArrowPrimitive,
@@ -14,7 +15,6 @@ from jezero.recording.foxglove import (
     TextPrimitive,
     Vector3,
 )
-from jezero.vehicle_config import AirframeConfig, PlatformConfig
 
 
 class Shapes(TypedDict, total=False):

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple, Self
 
 import msgspec
 
-from jezero.codec import BadPayloadError
-from jezero.plain_text import plain_json
+from jezero.base.codec import BadPayloadError
+from jezero.base.plain_text import plain_json
 from jezero.recording.channels import topic_of, usable_actions
 from jezero.recording.folder import newest_recording
 from jezero.recording.goals import GoalCollector, RecordedGoal

@@ -1,6 +1,6 @@
 """A path for drawing, of a limited number of points however long it is."""
 
-from jezero.frames import Vec3, add, distance
+from jezero.base.frames import Vec3, add, distance
 
 POINTS_MAX = 400
 SPACING_MIN_M = 0.1

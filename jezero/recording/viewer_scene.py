@@ -24,7 +24,8 @@ from typing import Any
 
 import msgspec
 
-from jezero.frames import Quat, Vec3, geodetic_from_ned, q_frd_from_camera, quat_from_euler, subtract
+from jezero.base.frames import Quat, Vec3, geodetic_from_ned, q_frd_from_camera, quat_from_euler, subtract
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.recording import foxglove as fg
 from jezero.recording.images import CAMERA_FRAME, HEADERS
 from jezero.recording.models import Shapes, rover_shapes, vehicle_shapes
@@ -35,7 +36,6 @@ from jezero.schemas.estimate import RoverEstimate
 from jezero.schemas.sensors import CameraFrame, CameraInfo, TagCorners
 from jezero.schemas.state import Odometry, Status, Truth
 from jezero.schemas.units import NS_PER_S
-from jezero.vehicle_config import VehicleConfig
 
 TRANSFORMS, SCENE = "viewer/transforms", "viewer/scene"
 LOCATION, CALIBRATION = "viewer/location", "viewer/calibration"

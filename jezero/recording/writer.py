@@ -9,7 +9,7 @@ from typing import Self
 from mcap.records import Schema
 from mcap.writer import CompressionType, IndexType, Writer
 
-from jezero.os_errors import naming
+from jezero.base.files import naming
 from jezero.recording.channels import json_schema, schema_name
 from jezero.recording.images import ImageFormat, split_image
 from jezero.recording.mcap_file import ABOUT

@@ -10,7 +10,8 @@ from typing import Any, NamedTuple, Self
 import msgspec
 import zenoh
 
-from jezero.codec import BadPayloadError, decode, encode, has_attachment, join_attachment
+from jezero.base.codec import BadPayloadError, decode, encode, has_attachment, join_attachment
+from jezero.base.zenoh_client import declare_publisher, put
 from jezero.recording.images import decompress
 from jezero.recording.mcap_file import RecordingError
 from jezero.replay import NAME
@@ -20,7 +21,6 @@ from jezero.schemas.health import ServiceHealth
 from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.state import Status
 from jezero.schemas.topics import CAMERA, STATUS, TOPICS, health_of, key, liveliness_key
-from jezero.zenoh_client import declare_publisher, put
 
 REPLY_TIMEOUT_S = 1.0
 LISTEN_S = 0.5

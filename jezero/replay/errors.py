@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from jezero.frames import subtract
+from jezero.base.frames import subtract
 from jezero.recording import Recording
 from jezero.schemas.estimate import Relative
 from jezero.schemas.state import Truth

@@ -7,7 +7,8 @@ from typing import Any, get_type_hints
 
 import msgspec
 
-from jezero.plugins import PluginError, all_actions
+from jezero.base.plugins import PluginError, all_actions
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.recording.journals import leaves
 from jezero.recording.mcap_file import RecordingError
 from jezero.runtime.service import Service
@@ -23,7 +24,6 @@ from jezero.services.rover.service import RoverComputer
 from jezero.services.simulator.camera.making import make_camera
 from jezero.services.simulator.service import Simulator
 from jezero.services.vehicle_bridge.service import VehicleBridge
-from jezero.vehicle_config import VehicleConfig
 
 
 def _mission(

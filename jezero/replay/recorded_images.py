@@ -6,7 +6,7 @@ from zlib import crc32
 
 import msgspec
 
-from jezero.codec import join_attachment
+from jezero.base.codec import join_attachment
 from jezero.recording import Recording, RecordingError
 from jezero.schemas.sensors import CameraFrame
 

@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from jezero.frames import Vec3
+from jezero.base.frames import Vec3
 from jezero.report.style import BLUE, GREEN, GREY, ORANGE, PINK, WIDTH_IN, Format, draw
 from jezero.schemas.actions import PlannedCoverage
 from jezero.schemas.fence import Fence

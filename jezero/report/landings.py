@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from jezero.frames import Vec3, add, quat_from_euler, quat_rotate, rotate_yaw, subtract
+from jezero.base.config import load_config
+from jezero.base.frames import Vec3, add, quat_from_euler, quat_rotate, rotate_yaw, subtract
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.recording import Entry
-from jezero.runtime.config import load_config
 from jezero.schemas import topics
 from jezero.schemas.estimate import Relative
 from jezero.schemas.goals import LandFeedback
@@ -19,7 +20,6 @@ from jezero.schemas.sensors import RoverOdometry, Uwb
 from jezero.schemas.state import Odometry, StatusCode, Truth
 from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.trilateration import trilaterate
-from jezero.vehicle_config import VehicleConfig
 
 Array = npt.NDArray[np.float64]
 VARIANCES = (0, 6, 11)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 
-from jezero.frames import altitude_m, quat_rotate
+from jezero.base.frames import altitude_m, quat_rotate
 from jezero.recording import Entry
 from jezero.report.flown_goals import FlownGoal, flown_goals
 from jezero.report.style import FLOWN, GREEN, PICTURES, WIDTH_IN, Format, draw, note

@@ -6,7 +6,7 @@ from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jezero.frames import Vec3, altitude_m
+from jezero.base.frames import Vec3, altitude_m
 from jezero.recording import Entry
 from jezero.report.style import BLUE, GREEN, GREY, ORANGE, TRUTH, Format, draw
 from jezero.schemas import topics

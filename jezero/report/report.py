@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from jezero.os_errors import describe_os_error
+from jezero.base.files import describe_os_error
 from jezero.recording import RecordingError, open_recording
 from jezero.recording.folder import recordings_in
 from jezero.recording.writer import RECORDING

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from jezero.os_errors import naming
+from jezero.base.files import naming
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

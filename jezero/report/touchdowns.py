@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from jezero.base.config import load_config
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.report.landings import Array, Landing
 from jezero.report.style import BLUE, GREEN, ORANGE, Format, draw, legend_above
-from jezero.runtime.config import load_config
 from jezero.services.simulator.camera.board import board_picture
-from jezero.vehicle_config import VehicleConfig
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -23,8 +23,8 @@ from dataclasses import dataclass, field
 
 import zenoh
 
+from jezero.base.plain_text import plain
 from jezero.keys.members import HOST_ROLES
-from jezero.plain_text import plain
 
 LEVELS = "off,zenoh::net::routing::interceptor::access_control=trace,zenoh_link_tls::unicast=warn"
 READ_PERIOD_S = 0.05

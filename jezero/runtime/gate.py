@@ -20,20 +20,20 @@ from pathlib import Path
 
 import zenoh
 
-from jezero.codec import encode
+from jezero.base.codec import encode
+from jezero.base.config import ConfigError
+from jezero.base.router_address import insecurity, parse_router, shown_router
+from jezero.base.zenoh_client import FIRST
 from jezero.keys.bundle import files_of
 from jezero.keys.diagnosis import bundle_problem, connection_problem
 from jezero.keys.members import MEMBERS
-from jezero.router_address import insecurity, parse_router, shown_router
-from jezero.runtime.bus_address import service_instance
-from jezero.runtime.config import ConfigError, HostLinks, Instance, links_from_environment
 from jezero.runtime.denials import Denials
+from jezero.runtime.instance import HostLinks, Instance, links_from_environment, service_instance
 from jezero.runtime.linux_processes import process_in_words
 from jezero.runtime.router import Health, Readers, serve
 from jezero.runtime.routing import ListenError, open_gate, shown
 from jezero.schemas.health import GateLinks
 from jezero.schemas.topics import EVERY_LINK, key
-from jezero.zenoh_client import FIRST
 
 NAME = "gate"
 BEAT_PERIOD_S = 1.0

@@ -7,7 +7,7 @@ from zlib import crc32
 import msgspec
 from msgspec import Raw
 
-from jezero.codec import split_attachment
+from jezero.base.codec import split_attachment
 from jezero.schemas import journal
 from jezero.schemas.journal import AnyEntry, JournalPart
 

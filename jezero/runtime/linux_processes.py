@@ -14,7 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Literal
 
-from jezero.plain_text import plain
+from jezero.base.plain_text import plain
 
 Protocol = Literal["tcp", "udp"]
 COMMAND_MAX = 80

@@ -13,7 +13,7 @@ from math import exp
 from random import Random
 from typing import Any, Literal
 
-from jezero.codec import decode, encode
+from jezero.base.codec import decode, encode
 from jezero.runtime.journal import Journal
 from jezero.runtime.node import Node
 from jezero.runtime.service import SentMessage, Service

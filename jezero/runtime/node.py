@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 from msgspec import Raw
 
-from jezero.codec import (
+from jezero.base.codec import (
     BadPayloadError,
     NotFiniteError,
     decode,
@@ -20,7 +20,7 @@ from jezero.codec import (
     has_attachment,
     reader,
 )
-from jezero.plain_text import plain
+from jezero.base.plain_text import plain
 from jezero.runtime.journal import NULL, Journal, content_of
 from jezero.runtime.service import (
     BackgroundTask,

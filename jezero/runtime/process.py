@@ -13,10 +13,9 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
-from jezero.os_errors import describe_os_error
-from jezero.private_files import keep_private
-from jezero.runtime.bus_address import NAMES, PREFIX, make_socket_folder, service_instance
-from jezero.runtime.config import ConfigError, Instance
+from jezero.base.config import ConfigError
+from jezero.base.files import describe_os_error, keep_private
+from jezero.runtime.instance import NAMES, PREFIX, Instance, make_socket_folder, service_instance
 from jezero.runtime.links import SocketLink
 from jezero.runtime.linux_processes import process_in_words
 from jezero.runtime.service import Service

@@ -17,12 +17,11 @@ from contextlib import ExitStack, suppress
 
 import zenoh
 
-from jezero.codec import encode
-from jezero.os_errors import describe_os_error
-from jezero.private_files import keep_private
-from jezero.router_address import shown_router
-from jezero.runtime.bus_address import run_folder_of, socket_of
-from jezero.runtime.config import ConfigError, Instance, instance_from_environment
+from jezero.base.codec import encode
+from jezero.base.config import ConfigError
+from jezero.base.files import describe_os_error, keep_private
+from jezero.base.router_address import shown_router
+from jezero.runtime.instance import Instance, instance_from_environment, run_folder_of, socket_of
 from jezero.runtime.linux_processes import process_in_words
 from jezero.runtime.process import new_boot_id
 from jezero.runtime.routing import ListenError, open_router

@@ -7,15 +7,15 @@ from typing import Any
 
 import zenoh
 
+from jezero.base.files import describe_os_error
+from jezero.base.router_address import is_insecure, is_loopback, parse_router, shown_router
+from jezero.base.zenoh_client import LINK_SETTINGS, RETRY, config_of
 from jezero.keys.bundle import members_of
 from jezero.keys.diagnosis import listening_problem
 from jezero.keys.members import KeysError
 from jezero.keys.rights import EVERY_VEHICLE, access_control, local_access_control
-from jezero.os_errors import describe_os_error
-from jezero.router_address import is_insecure, is_loopback, parse_router, shown_router
-from jezero.runtime.bus_address import make_socket_folder
-from jezero.runtime.config import LISTEN_VARIABLE, HostLinks
-from jezero.runtime.linux_processes import listen_problem
+from jezero.runtime.instance import LISTEN_VARIABLE, PREFIX, HostLinks, make_socket_folder
+from jezero.runtime.linux_processes import listen_problem, port_holder, unix_listener
 from jezero.schemas.rows import CLIENTS
 from jezero.schemas.topics import (
     CAMERA,
@@ -28,7 +28,6 @@ from jezero.schemas.topics import (
     journal_of,
     key,
 )
-from jezero.zenoh_client import LINK_SETTINGS, RETRY, config_of
 
 ROUTER_SETTINGS: Mapping[str, Any] = {
     **LINK_SETTINGS,
@@ -220,6 +219,20 @@ def check_local(endpoint: str) -> None:
             f"JEZERO_ROUTER is {shown_router(endpoint)}, but the programs of this computer need an address on its "
             "loopback, such as tcp/127.0.0.1:7447. Give the address for other computers with --listen or JEZERO_LISTEN"
         )
+
+
+def bus_of_router(router: str) -> str:
+    """The socket for services of a router that runs; "" if none is known, as of another user's router.
+
+    Args:
+        router: its address for people's programs, or the socket itself.
+    """
+    if router.startswith(PREFIX):
+        return router
+    protocol, host, port = parse_router(router)
+    holder = port_holder("tcp", port) if protocol == "tcp" and is_loopback(host) else None
+    path = "" if holder is None else unix_listener(holder)
+    return f"{PREFIX}{path}" if path else ""
 
 
 def shown(endpoints: Iterable[str]) -> str:

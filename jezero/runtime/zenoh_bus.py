@@ -16,10 +16,11 @@ from typing import Any, Literal, cast
 
 import zenoh
 
-from jezero.codec import BadPayloadError, decode, encode, has_attachment, split_attachment
-from jezero.plain_text import plain
+from jezero.base.codec import BadPayloadError, decode, encode, has_attachment, split_attachment
+from jezero.base.plain_text import plain
+from jezero.base.zenoh_client import FIRST, LAST, client_config, data_of, declare_publisher, put
 from jezero.runtime.clock import VehicleClock
-from jezero.runtime.config import Instance, is_recorded
+from jezero.runtime.instance import Instance, is_recorded
 from jezero.runtime.journal import Journal
 from jezero.runtime.links import SocketLink
 from jezero.runtime.linux_processes import process_in_words
@@ -32,7 +33,6 @@ from jezero.schemas.rows import Endpoint, Topic
 from jezero.schemas.state import Clock
 from jezero.schemas.topics import health_of, journal_of, key, liveliness_key
 from jezero.schemas.units import NS_PER_S
-from jezero.zenoh_client import FIRST, LAST, client_config, data_of, declare_publisher, put
 
 MASTER_LATENESS_MAX_NS = 20_000_000
 """Lateness up to which the time master catches up; a later one slows vehicle time down instead."""

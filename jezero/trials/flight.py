@@ -7,10 +7,11 @@ from typing import Any, Literal, NamedTuple
 
 import msgspec
 
-from jezero.codec import decode
-from jezero.frames import Vec3, horizontal
+from jezero.base.codec import decode
+from jezero.base.config import load_config
+from jezero.base.frames import Vec3, horizontal
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.recording.writer import RecordingWriter
-from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.schemas import topics
 from jezero.schemas.actions import Feedback
@@ -24,7 +25,6 @@ from jezero.trials.goals import wait_for_result
 from jezero.trials.platform import off_platform_reason, offset_m
 from jezero.trials.recording import MessageDigest, virtual_recording
 from jezero.trials.stack import build_stack
-from jezero.vehicle_config import VehicleConfig
 
 READY_TIMEOUT_S = 60.0
 GOAL_TIMEOUT_S = 180.0

@@ -9,8 +9,8 @@ from typing import Any
 
 import msgspec
 
-from jezero.codec import decode
-from jezero.frames import Vec3, horizontal
+from jezero.base.codec import decode
+from jezero.base.frames import Vec3, horizontal
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.schemas import topics
 from jezero.schemas.actions import Pause, Rejected, Result, Resume

@@ -5,8 +5,9 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from jezero.codec import decode
-from jezero.runtime.config import load_config
+from jezero.base.codec import decode
+from jezero.base.config import load_config
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.schemas import topics
 from jezero.schemas.actions import PlanReply
 from jezero.schemas.goals import Goal, TakeoffGoal
@@ -15,7 +16,6 @@ from jezero.schemas.state import Status
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.trials.stack import BlankCamera, build_stack
-from jezero.vehicle_config import VehicleConfig
 
 READY_TIMEOUT_S = 60.0
 PLAN_TIMEOUT_S = 120.0

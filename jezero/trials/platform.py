@@ -2,7 +2,7 @@
 
 from math import degrees, hypot
 
-from jezero.frames import (
+from jezero.base.frames import (
     Quat,
     Vec3,
     add,

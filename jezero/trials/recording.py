@@ -3,13 +3,13 @@
 import hashlib
 from pathlib import Path
 
-from jezero.codec import split_attachment
+from jezero.base.codec import split_attachment
+from jezero.base.config import load_config
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.recording.about import about
 from jezero.recording.viewer_scene import ViewerScene
 from jezero.recording.writer import RecordingWriter
-from jezero.runtime.config import load_config
 from jezero.services.recorder.config import RecorderConfig
-from jezero.vehicle_config import VehicleConfig
 
 
 def virtual_recording(path: Path, seed: int, **origin: str) -> RecordingWriter:

@@ -8,9 +8,10 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 
 import msgspec
 
+from jezero.base.config import load_config
+from jezero.base.plugins import action_names, all_actions
+from jezero.base.vehicle_config import CameraMountConfig, VehicleConfig
 from jezero.mission_files import configured_fence
-from jezero.plugins import action_names, all_actions
-from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import UDP_DELAY, MemoryBus, Observer
 from jezero.runtime.service import Inbox, Output, Publish, Service, Spec
 from jezero.schemas import topics
@@ -37,7 +38,6 @@ from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.service import Simulator
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.service import VehicleBridge
-from jezero.vehicle_config import CameraMountConfig, VehicleConfig
 
 SYSTEM_ID = 1
 BLANK_CAMERA = "blank_camera"

@@ -4,7 +4,7 @@ import os
 import sys
 from pathlib import Path
 
-from jezero.plugins import PluginError, action_names
+from jezero.base.plugins import PluginError, action_names
 from jezero.runtime.process import Worker, run_process
 from jezero.services.actions.lifecycle.picture_store import PictureStore
 from jezero.services.actions.table import action_server, find_declaration

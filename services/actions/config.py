@@ -5,12 +5,12 @@ from typing import Annotated
 from msgspec import Meta
 from msgspec.structs import replace
 
-from jezero.runtime.config import Config, ConfigError, load_config
+from jezero.base.config import Config, ConfigError, load_config
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.services.actions.area_coverage.config import AreaCoverageConfig
 from jezero.services.actions.get_images.config import GetImagesConfig
 from jezero.services.actions.land_on_spot.config import LandOnSpotConfig
 from jezero.services.actions.motion.config import CaptureConfig, MoveConfig, Positive, TrackingConfig
-from jezero.vehicle_config import VehicleConfig
 
 
 class LifecycleConfig(Config, frozen=True, kw_only=True):

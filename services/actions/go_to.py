@@ -4,7 +4,7 @@ from functools import partial
 
 from msgspec.structs import replace
 
-from jezero.frames import Vec3, add, altitude_m, distance
+from jezero.base.frames import Vec3, add, altitude_m, distance
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import GoToGoal, MoveFeedback, MoveResult
 from jezero.schemas.state import Status, StatusCode

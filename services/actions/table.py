@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from jezero.plugins import PluginError, load_declaration
-from jezero.runtime.config import config_directory, load_config
+from jezero.base.config import config_directory, load_config
+from jezero.base.plugins import PluginError, load_declaration
 from jezero.services.actions.area_coverage.planner import ACTION as AREA_COVERAGE
 from jezero.services.actions.config import ActionsConfig, load_actions_config
 from jezero.services.actions.get_images.planner import ACTION as GET_IMAGES

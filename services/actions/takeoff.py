@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from jezero.frames import Vec3
+from jezero.base.frames import Vec3
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import MoveFeedback, MoveResult, TakeoffGoal
 from jezero.schemas.state import Status

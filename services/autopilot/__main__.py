@@ -7,7 +7,9 @@ from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
-from jezero.runtime.config import ConfigError, Instance, chosen_autopilot, load_config
+from jezero.base.config import ConfigError, chosen_autopilot, load_config
+from jezero.base.vehicle_config import BatteryConfig, VehicleConfig
+from jezero.runtime.instance import Instance
 from jezero.runtime.links import SocketLink, TcpClient, Udp
 from jezero.runtime.process import run_process
 from jezero.runtime.service import Service
@@ -24,7 +26,6 @@ from jezero.services.autopilot.ground_link import (
 from jezero.services.autopilot.kept_stamp import kept_stamp_path, load, save
 from jezero.services.autopilot.px4_link import ChildLink
 from jezero.services.autopilot.service import GCS, HIL, OFFBOARD, Autopilot
-from jezero.vehicle_config import BatteryConfig, VehicleConfig
 
 ANY = "0.0.0.0"
 UNIX_2015_S = 1_420_070_400

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from math import atan2, cos, hypot, sin, sqrt
 
-from jezero.frames import Quat, Vec3, quat_from_euler, wrap_pi
+from jezero.base.frames import Quat, Vec3, quat_from_euler, wrap_pi
 from jezero.services.autopilot.config import EstimatorConfig
 
 MIN_FIXES = 10

@@ -2,8 +2,8 @@
 
 from math import sqrt
 
+from jezero.base.vehicle_config import BatteryConfig
 from jezero.services.autopilot.mixer import Commands
-from jezero.vehicle_config import BatteryConfig
 
 
 class Battery:

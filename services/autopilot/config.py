@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from jezero.runtime.config import Config
+from jezero.base.config import Config
 from jezero.schemas.struct import END
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]

@@ -4,11 +4,11 @@ from math import hypot, pi, sqrt, tan
 
 import msgspec
 
-from jezero.frames import Vec3, add, norm, scale, wrap_pi
+from jezero.base.frames import Vec3, add, norm, scale, wrap_pi
+from jezero.base.vehicle_config import AirframeConfig
 from jezero.schemas.units import GRAVITY_MPS2
 from jezero.services.autopilot.config import ControlConfig
 from jezero.services.autopilot.mixer import IDLE, STOPPED, Commands, Mixer
-from jezero.vehicle_config import AirframeConfig
 
 Axes = tuple[float | None, float | None, float | None]
 """North, east, down; None: this quantity does not control the axis."""

@@ -20,7 +20,7 @@ from math import atan2, hypot, isfinite, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from jezero.frames import (
+from jezero.base.frames import (
     Quat,
     Vec3,
     add,

@@ -5,9 +5,9 @@ from ipaddress import AddressValueError, IPv4Address
 
 from msgspec.structs import replace
 
+from jezero.base.config import ConfigError
 from jezero.keys.bundle import INSECURE_VARIABLE, VARIABLE, mavlink_key
 from jezero.keys.members import KeysError
-from jezero.runtime.config import ConfigError
 from jezero.services.autopilot.config import AutopilotConfig, SigningConfig
 
 HOST_VARIABLE = "JEZERO_GCS_HOST"

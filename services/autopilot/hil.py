@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import msgspec
 
-from jezero.frames import Vec3
-from jezero.mavlink import FramePacker, MavlinkCodec, MavMessage, dialect, is_finite
+from jezero.base.frames import Vec3
+from jezero.base.mavlink import FramePacker, MavlinkCodec, MavMessage, dialect, is_finite
 from jezero.services.autopilot.alignment import Fix
 from jezero.services.autopilot.mixer import Commands
 

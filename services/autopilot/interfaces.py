@@ -5,7 +5,7 @@
 
 from typing import Protocol
 
-from jezero.frames import Quat, Vec3
+from jezero.base.frames import Quat, Vec3
 from jezero.services.autopilot.alignment import Fix
 from jezero.services.autopilot.config import AutopilotConfig, EstimatorConfig
 from jezero.services.autopilot.control import Kinematics, Setpoint

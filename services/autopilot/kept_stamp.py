@@ -4,7 +4,7 @@ import os
 import sys
 from pathlib import Path
 
-from jezero.os_errors import describe_os_error, write_whole
+from jezero.base.files import describe_os_error, write_whole
 
 NAME = "mavlink_stamp"
 """The file in the run folder. It outlasts the stack."""

@@ -7,7 +7,7 @@ not descend), maybe landed (the thrust is low too), landed. Source: PX4's `Multi
 
 from math import hypot
 
-from jezero.frames import Vec3
+from jezero.base.frames import Vec3
 from jezero.services.autopilot.config import LandDetectorConfig
 
 DESCENT_SETPOINT_MIN_RATIO = 1.1

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
-from jezero.mavlink import Signing
+from jezero.base.mavlink import Signing
 from jezero.runtime.service import Inbox, Output, Send
 from jezero.services.autopilot.config import SigningConfig
 from jezero.services.autopilot.mavlink_receiver import MavlinkReceiver

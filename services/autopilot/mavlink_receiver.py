@@ -5,8 +5,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from math import isfinite, radians
 
-from jezero.frames import Vec3, ned_from_geodetic, rotate_yaw, z_ned_m
-from jezero.mavlink import MavMessage, dialect, is_finite
+from jezero.base.frames import Vec3, ned_from_geodetic, rotate_yaw, z_ned_m
+from jezero.base.mavlink import MavMessage, dialect, is_finite
 from jezero.services.autopilot.control import Axes, Setpoint
 from jezero.services.autopilot.forced_disarm import ForcedDisarmRule
 from jezero.services.autopilot.modes import FROM_MAIN_AND_SUB, Mode

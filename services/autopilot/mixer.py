@@ -4,9 +4,9 @@ from math import inf
 
 import numpy as np
 
-from jezero.frames import Vec3
+from jezero.base.frames import Vec3
+from jezero.base.vehicle_config import AirframeConfig
 from jezero.schemas.units import GRAVITY_MPS2
-from jezero.vehicle_config import AirframeConfig
 
 Commands = tuple[float, float, float, float]
 """One per rotor, 0 to 1."""

@@ -13,7 +13,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from math import inf, sqrt
 
-from jezero.frames import Vec3, wrap_pi
+from jezero.base.frames import Vec3, wrap_pi
 from jezero.services.autopilot.alignment import FIX_AGE_MAX_US
 
 SEGMENT_US = 4_000_000

@@ -1,13 +1,13 @@
 """Controllers and land detector of a multicopter: from a setpoint to motor commands, with takeoff and landing."""
 
-from jezero.frames import Vec3
+from jezero.base.detectors import is_tilted_by_contact
+from jezero.base.frames import Vec3
+from jezero.base.vehicle_config import AirframeConfig
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.control import CascadeController, Kinematics, Setpoint
 from jezero.services.autopilot.estimator import Estimator
 from jezero.services.autopilot.land_detector import CLIMB_SETPOINT_MIN_MPS, LandDetector
 from jezero.services.autopilot.mixer import Commands
-from jezero.tilt_contact import is_tilted_by_contact
-from jezero.vehicle_config import AirframeConfig
 
 OUTER_STEPS = 4
 """The velocity loop runs with every fourth IMU sample."""

@@ -3,7 +3,7 @@
 from enum import Enum
 from math import hypot, tan
 
-from jezero.frames import Vec3, add, distance, scale
+from jezero.base.frames import Vec3, add, distance, scale
 from jezero.services.autopilot.config import ControlConfig, NavigatorConfig
 from jezero.services.autopilot.control import Axes, Kinematics, Setpoint
 from jezero.services.autopilot.modes import Mode

@@ -6,8 +6,8 @@ from typing import Any
 
 import msgspec
 
+from jezero.base.vehicle_config import BatteryConfig
 from jezero.services.autopilot.config import AutopilotConfig
-from jezero.vehicle_config import BatteryConfig
 
 Value = int | float
 

@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from jezero.runtime.config import ConfigError
+from jezero.base.config import ConfigError
+from jezero.base.vehicle_config import BatteryConfig
 from jezero.runtime.service import Health, Inbox, Output, Spec
-from jezero.vehicle_config import BatteryConfig
 
 PX4 = "px4"
 INSTANCE_MAX = 9

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import msgspec
 
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.service import Health, Inbox, Output, Send, Spec
 from jezero.schemas.units import GRAVITY_MPS2
 from jezero.services.autopilot.alignment import Fix
@@ -16,7 +17,6 @@ from jezero.services.autopilot.multicopter import MulticopterController
 from jezero.services.autopilot.parameters import Parameters
 from jezero.services.autopilot.telemetry import GCS, OFFBOARD
 from jezero.services.autopilot.vehicle import Vehicle
-from jezero.vehicle_config import VehicleConfig
 
 __all__ = ["GCS", "HIL", "OFFBOARD", "SPEC", "Autopilot"]
 

@@ -3,7 +3,7 @@
 Source: https://mavlink.io/en/services/mission.html, with MAV_MISSION_TYPE_FENCE.
 """
 
-from jezero.mavlink import MavMessage, dialect
+from jezero.base.mavlink import MavMessage, dialect
 from jezero.services.autopilot.telemetry import TelemetryLink
 
 FENCE_TYPE = dialect.MAV_MISSION_TYPE_FENCE

@@ -5,8 +5,8 @@ from math import atan2, degrees, hypot, nan, pi
 
 import msgspec
 
-from jezero.frames import Quat, Vec3, altitude_m, euler_from_quat, geodetic_from_ned
-from jezero.mavlink import MavMessage, dialect
+from jezero.base.frames import Quat, Vec3, altitude_m, euler_from_quat, geodetic_from_ned
+from jezero.base.mavlink import MavMessage, dialect
 from jezero.services.autopilot.alignment import Fix
 from jezero.services.autopilot.control import Setpoint
 

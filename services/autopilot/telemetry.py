@@ -6,8 +6,8 @@ The streams have the messages, units and frames of PX4. SET_MESSAGE_INTERVAL set
 from collections import Counter
 from collections.abc import Iterable
 
-from jezero.frames import Vec3
-from jezero.mavlink import MavlinkCodec, MavMessage, Signing, dialect
+from jezero.base.frames import Vec3
+from jezero.base.mavlink import MavlinkCodec, MavMessage, Signing, dialect
 from jezero.services.autopilot.streams import STREAMS, Snapshot
 
 OFFBOARD, GCS = "offboard", "gcs"

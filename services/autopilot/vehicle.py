@@ -3,8 +3,8 @@
 from dataclasses import replace
 from math import inf, sqrt
 
-from jezero.frames import Vec3, subtract
-from jezero.frozen_sensor import FrozenSensorDetector
+from jezero.base.detectors import SLOPE_SINE_MAX, TILT_SINE_MAX, FrozenSensorDetector
+from jezero.base.frames import Vec3, subtract
 from jezero.services.autopilot.alignment import FIX_AGE_MAX_US, Fix
 from jezero.services.autopilot.battery import Battery
 from jezero.services.autopilot.commander import Commander, VehicleState
@@ -16,7 +16,6 @@ from jezero.services.autopilot.modes import Mode
 from jezero.services.autopilot.navigator import Navigator
 from jezero.services.autopilot.parameters import Parameters, Value
 from jezero.services.autopilot.streams import Snapshot
-from jezero.tilt_contact import SLOPE_SINE_MAX, TILT_SINE_MAX
 
 STEP_MAX_S = 0.05
 SWAPPED_BELOW = 0.5

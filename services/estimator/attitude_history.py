@@ -3,7 +3,7 @@
 from bisect import bisect_left
 from collections import deque
 
-from jezero.frames import Quat, quat_from_rotation_vector, quat_multiply, quat_normalize, scale
+from jezero.base.frames import Quat, quat_from_rotation_vector, quat_multiply, quat_normalize, scale
 from jezero.schemas.state import Odometry
 from jezero.schemas.units import NS_PER_S
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from math import atan2, cos, degrees, dist, hypot, inf, sin, sqrt
 from statistics import median
 
-from jezero.frames import Vec3, rotate_yaw
+from jezero.base.frames import Vec3, rotate_yaw
 from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.kalman import Kalman
 from jezero.services.estimator.measurements import (

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from jezero.frames import wrap_pi
+from jezero.base.frames import wrap_pi
 from jezero.services.estimator.innovations import Sensor
 from jezero.services.estimator.kalman import Kalman, UpdateResult
 from jezero.services.estimator.motion import (

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from itertools import combinations
 from statistics import median
 
-from jezero.frozen_sensor import FrozenSensorDetector
+from jezero.base.detectors import FrozenSensorDetector
 from jezero.schemas.sensors import UwbRange
 from jezero.schemas.units import NS_PER_S
 

@@ -6,6 +6,7 @@ from math import inf, isfinite
 import msgspec
 import numpy as np
 
+from jezero.base.vehicle_config import PlatformConfig
 from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.config import Tuning, ValidityConfig
 from jezero.services.estimator.consistency import ConsistencyMonitor
@@ -40,7 +41,6 @@ from jezero.services.estimator.motion import (
 )
 from jezero.services.estimator.resets import HeadingReset, PositionReset
 from jezero.services.estimator.uwb_initialization import UwbWindow
-from jezero.vehicle_config import PlatformConfig
 
 FOUND_STD_MAX_M = 0.1 * STD_UNKNOWN_M
 YAW_STD_MAX_RAD = 0.3

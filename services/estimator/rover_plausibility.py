@@ -3,7 +3,7 @@
 The relative position from UWB is rotated by the rover's heading, so a heading that jumps must not be used.
 """
 
-from jezero.frames import wrap_pi
+from jezero.base.frames import wrap_pi
 from jezero.schemas.sensors import RoverOdometry
 
 REJECT_AFTER_JUMP_NS = 500_000_000

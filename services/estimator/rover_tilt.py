@@ -5,7 +5,7 @@ from math import cos, sin
 import numpy as np
 from numpy.typing import NDArray
 
-from jezero.frames import quat_from_euler, quat_rotate
+from jezero.base.frames import quat_from_euler, quat_rotate
 from jezero.schemas.sensors import RoverOdometry
 
 Array = NDArray[np.float64]

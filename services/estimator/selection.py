@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import msgspec
 from msgspec.inspect import FloatType, StructType, type_info
 
-from jezero.frames import Vec3
+from jezero.base.frames import Vec3
 from jezero.schemas.estimate import Lease, LeaseReply, ParametersReply, SetParameters
 from jezero.services.estimator.config import Tuning
 

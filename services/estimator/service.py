@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jezero.frames import Vec3, add, quat_rotate, scale, subtract, wrap_pi, yaw_from_quat
-from jezero.frozen_sensor import FrozenSensorDetector
+from jezero.base.detectors import FrozenSensorDetector
+from jezero.base.frames import Vec3, add, quat_rotate, scale, subtract, wrap_pi, yaw_from_quat
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.service import Health, Inbox, Output, Publish, Reply, Spec
 from jezero.schemas import sensors, topics
 from jezero.schemas.estimate import Relative, RoverEstimate, TagEstimate
@@ -32,7 +33,6 @@ from jezero.services.estimator.rover_plausibility import RoverPlausibilityCheck
 from jezero.services.estimator.rover_tilt import LEVEL, level_from_rover_body
 from jezero.services.estimator.selection import InputSelection
 from jezero.services.estimator.validity import TAG, UWB, invalid_reason
-from jezero.vehicle_config import VehicleConfig
 
 UPPER_6 = np.triu_indices(6)
 ATTITUDE_AGE_MAX_S = 0.06

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jezero.frames import Vec3
+from jezero.base.frames import Vec3
 
 ITERATIONS = 5
 CONVERGED_M = 1e-6

@@ -5,14 +5,15 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
-from jezero.runtime.config import Instance, load_config
+from jezero.base.config import load_config
+from jezero.base.vehicle_config import VehicleConfig
+from jezero.runtime.instance import Instance
 from jezero.runtime.links import SocketLink
 from jezero.runtime.process import run_process
 from jezero.runtime.service import Service
 from jezero.services.ground_station.access import listening_of
 from jezero.services.ground_station.config import GroundStationConfig
 from jezero.services.ground_station.service import GroundStation
-from jezero.vehicle_config import VehicleConfig
 
 
 def main() -> int:

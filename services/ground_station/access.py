@@ -19,9 +19,10 @@ from urllib.parse import urlsplit
 from argon2 import PasswordHasher
 from argon2.exceptions import InvalidHashError, VerificationError, VerifyMismatchError
 
-from jezero.os_errors import naming
-from jezero.router_address import insecurity
-from jezero.runtime.config import ConfigError, links_from_environment
+from jezero.base.config import ConfigError
+from jezero.base.files import naming
+from jezero.base.router_address import insecurity
+from jezero.runtime.instance import links_from_environment
 from jezero.services.ground_station.config import GroundStationConfig
 
 LOOPBACK_NAMES = frozenset({"localhost"})

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from jezero.area_files import AreaFileError, FilePolygon, place, read_polygons
-from jezero.frames import geodetic_from_ned, ned_from_geodetic
+from jezero.base.frames import geodetic_from_ned, ned_from_geodetic
 
 FILE_MAX_BYTES = 500_000
 CORNERS_MAX = 6000

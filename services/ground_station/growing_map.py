@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from jezero.frames import quat_rotate
+from jezero.base.frames import quat_rotate
 from jezero.schemas.images import Image
 
 Pixels = NDArray[np.uint8]

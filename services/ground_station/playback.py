@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from jezero.plain_text import plain_json
+from jezero.base.plain_text import plain_json
 from jezero.recording.channels import topic_of
 from jezero.recording.foxglove import CompressedImage
 from jezero.recording.mcap_file import McapFile, RawMessage

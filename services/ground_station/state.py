@@ -13,7 +13,7 @@ from typing import Any
 
 import msgspec
 
-from jezero.frames import subtract
+from jezero.base.frames import subtract
 from jezero.recording.thinned_path import ThinnedPath
 from jezero.schemas import topics
 from jezero.schemas.actions import FeedbackMessage

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
-from jezero.codec import has_attachment
+from jezero.base.codec import has_attachment
 from jezero.recording.channels import json_schema
 from jezero.schemas.rows import CLIENTS, GOAL_IN_CHARGE, Topic
 from jezero.schemas.topics import TOPICS

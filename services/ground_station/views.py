@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from jezero.frames import Vec3, altitude_m, euler_from_quat, q_frd_from_camera
+from jezero.base.frames import Vec3, altitude_m, euler_from_quat, q_frd_from_camera
+from jezero.base.vehicle_config import PlatformConfig, VehicleConfig
 from jezero.schemas.actions import FeedbackMessage
 from jezero.schemas.commands import CameraPitch
 from jezero.schemas.estimate import Covariance6, Relative, RoverEstimate
@@ -23,7 +24,6 @@ from jezero.schemas.sensors import Altimeter, Gnss
 from jezero.schemas.state import Status
 from jezero.schemas.terrain import Ground
 from jezero.services.ground_station.words import COMPASS, duration
-from jezero.vehicle_config import PlatformConfig, VehicleConfig
 
 ABSENT = "–"
 LATE_S = 1.0

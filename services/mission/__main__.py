@@ -8,15 +8,16 @@ from pathlib import Path
 
 import msgspec
 
-from jezero.plugins import all_actions
-from jezero.runtime.config import Instance, load_config
+from jezero.base.config import load_config
+from jezero.base.plugins import all_actions
+from jezero.base.vehicle_config import VehicleConfig
+from jezero.runtime.instance import Instance
 from jezero.runtime.links import SocketLink
 from jezero.runtime.process import run_process
 from jezero.runtime.service import Service
 from jezero.services.mission.config import MissionConfig
 from jezero.services.mission.record import MissionRecord
 from jezero.services.mission.service import MissionService
-from jezero.vehicle_config import VehicleConfig
 
 
 def main() -> int:

@@ -3,8 +3,8 @@
 from collections import deque
 from statistics import linear_regression
 
+from jezero.base.vehicle_config import LEAST_USE
 from jezero.schemas.units import NS_PER_S
-from jezero.vehicle_config import LEAST_USE
 
 PERIOD_NS = NS_PER_S
 MEASURED_MIN_NS, MEASURED_MAX_NS = 30 * NS_PER_S, 90 * NS_PER_S

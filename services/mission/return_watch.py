@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from jezero.base.vehicle_config import BatteryConfig
 from jezero.runtime.service import Call, Inbox, Output
 from jezero.schemas.actions import PlanReply
 from jezero.schemas.goals import ReturnHomeGoal
@@ -11,7 +12,6 @@ from jezero.schemas.topics import LAND_ON_SPOT, RETURN_HOME, STATUS, health_of
 from jezero.schemas.units import NS_PER_S
 from jezero.services.mission.battery_use import BatteryUse
 from jezero.services.mission.config import MissionConfig
-from jezero.vehicle_config import BatteryConfig
 
 PLAN_PERIOD_NS = NS_PER_S
 PLAN_TIMEOUT_S = 3.0

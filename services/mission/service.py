@@ -14,7 +14,8 @@ from typing import Any, Literal
 import msgspec
 from msgspec.structs import replace
 
-from jezero.frames import altitude_m
+from jezero.base.frames import altitude_m
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.service import Health, Inbox, Output, Publish, Reply, Request, Spec
 from jezero.schemas.mission import GoalStep, Mission, MissionCommand, MissionProgress, MissionReply, WaitStep
 from jezero.schemas.rows import Action
@@ -37,7 +38,6 @@ from jezero.services.mission.return_run import ReturnRun
 from jezero.services.mission.return_watch import GROUND, ReturnWatch
 from jezero.services.mission.rules import flies_goal_of, landing_step, last_goal, somebody_else, swap_refusal
 from jezero.services.mission.step_run import GoalRun, StepEnd, Wait, goal_of
-from jezero.vehicle_config import VehicleConfig
 
 PUBLISH_PERIOD_NS = NS_PER_S // 2
 PAUSED = "paused by a command"

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from jezero.codec import BadPayloadError, decode
+from jezero.base.codec import BadPayloadError, decode
 from jezero.runtime.service import Call, Inbox, Output, Response
 from jezero.schemas.actions import Cancel, CancelReply, GetResult, Pause, PauseReply, Rejected, ResultReply, Resume
 from jezero.schemas.goals import Goal

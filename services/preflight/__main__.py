@@ -5,14 +5,15 @@ import sys
 from collections.abc import Mapping
 from datetime import UTC, datetime
 
+from jezero.base.config import load_config
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.keys.bundle import VARIABLE
-from jezero.runtime.config import Instance, load_config
+from jezero.runtime.instance import Instance
 from jezero.runtime.links import SocketLink
 from jezero.runtime.process import run_process
 from jezero.runtime.service import Service
 from jezero.services.preflight.certificate import certificate_problem
 from jezero.services.preflight.service import Preflight
-from jezero.vehicle_config import VehicleConfig
 
 
 def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:

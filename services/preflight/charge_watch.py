@@ -2,9 +2,9 @@
 
 from collections import deque
 
+from jezero.base.vehicle_config import BatteryConfig
 from jezero.schemas.state import Status
 from jezero.schemas.units import NS_PER_S
-from jezero.vehicle_config import BatteryConfig
 
 PERIOD_NS = NS_PER_S
 LEAST_FALL = 0.06

@@ -3,7 +3,7 @@
 Each check is a function from the readings of one round to a `Check`.
 """
 
-from jezero.fence import nearest
+from jezero.base.fence import nearest
 from jezero.schemas.preflight import Check, CheckName, Verdict
 from jezero.schemas.state import STATUS_WORDS, StatusCode
 from jezero.schemas.topics import CLOCK, FENCE, STATUS

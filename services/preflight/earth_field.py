@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from pymavlink.mavextra import get_mag_field_ef
 
-from jezero.frames import Vec3
+from jezero.base.frames import Vec3
 
 
 class EarthField(NamedTuple):

@@ -2,7 +2,7 @@
 
 from math import degrees
 
-from jezero.heading_step import CHECK, heading_step_rad
+from jezero.base.detectors import COMPASS_CHECK, heading_step_rad
 from jezero.schemas.state import Odometry, Status
 
 
@@ -25,6 +25,6 @@ class HeadingWatch:
             return
         if step_rad := heading_step_rad(last, status.odometry):
             self.problem = (
-                f"in flight the vehicle's motion contradicted the compass by {abs(degrees(step_rad)):.0f}°: {CHECK}, "
-                "then start the autopilot anew"
+                f"in flight the vehicle's motion contradicted the compass by {abs(degrees(step_rad)):.0f}°: "
+                f"{COMPASS_CHECK}, then start the autopilot anew"
             )

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from math import hypot
 from statistics import median
 
-from jezero.frames import altitude_m, quat_rotate, subtract
+from jezero.base.frames import altitude_m, quat_rotate, subtract
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.schemas.sensors import Altimeter, Barometer
 from jezero.schemas.state import Odometry, Status
 from jezero.schemas.units import NS_PER_S
-from jezero.vehicle_config import VehicleConfig
 
 CLIMB_MIN_M = 1.5
 """Below this height the altimeter's least range and the air that the rotors press down count too much."""

@@ -9,7 +9,7 @@ from math import atan2, cos, degrees, hypot, sin
 from statistics import median, stdev
 from typing import Any, NamedTuple
 
-from jezero.frames import Vec3, horizontal, ned_from_geodetic, quat_rotate, subtract, wrap_pi, yaw_from_quat
+from jezero.base.frames import Vec3, horizontal, ned_from_geodetic, quat_rotate, subtract, wrap_pi, yaw_from_quat
 from jezero.schemas.preflight import Check, CheckName, Verdict
 from jezero.schemas.rows import Topic
 from jezero.schemas.state import StatusCode

@@ -8,7 +8,8 @@ height.
 from collections.abc import Iterator
 from typing import Any
 
-from jezero.plugins import action_names
+from jezero.base.plugins import action_names
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.service import Call, Health, Inbox, Output, Publish, Reply, Request, Spec, Subscribe
 from jezero.schemas.estimate import GetParameters, SetParameters
 from jezero.schemas.health import ServiceHealth
@@ -53,7 +54,6 @@ from jezero.services.preflight.sensor_checks import (
     check_rover,
     check_sensors,
 )
-from jezero.vehicle_config import VehicleConfig
 
 CHECKS = (
     check_autopilot, check_services, check_clock, check_sensors, check_noise, check_gnss, check_compass, check_rover,

@@ -5,16 +5,17 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
+from jezero.base.config import chosen_autopilot, load_config
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.recording.about import about
 from jezero.recording.folder import RECORDINGS, RecordingFolder
 from jezero.recording.viewer_scene import ViewerScene
-from jezero.runtime.config import Instance, chosen_autopilot, load_config
+from jezero.runtime.instance import Instance
 from jezero.runtime.links import SocketLink
 from jezero.runtime.process import Worker, run_process
 from jezero.runtime.service import Service
 from jezero.services.recorder.config import RecorderConfig
 from jezero.services.recorder.service import Recorder
-from jezero.vehicle_config import VehicleConfig
 
 
 def main() -> int:

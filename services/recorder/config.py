@@ -4,8 +4,8 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
+from jezero.base.config import Config
 from jezero.recording.images import ImageFormat
-from jezero.runtime.config import Config
 
 
 class RecorderConfig(Config, frozen=True, kw_only=True):

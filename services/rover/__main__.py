@@ -4,7 +4,7 @@ import os
 import sys
 from collections.abc import Mapping
 
-from jezero.runtime.config import Instance, checked_host
+from jezero.runtime.instance import Instance, checked_host
 from jezero.runtime.links import SILENCE_MAX_S, SocketLink, TcpClient
 from jezero.runtime.process import run_process
 from jezero.runtime.service import Service

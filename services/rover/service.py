@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import replace
 
-from jezero.rover_link import MessageLines, line_of
+from jezero.base.rover_link import MessageLines, line_of
 from jezero.runtime.service import Health, Inbox, Output, Publish, Send, Spec
 from jezero.schemas import topics
 from jezero.schemas.sensors import RoverOdometry

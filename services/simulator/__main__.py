@@ -7,14 +7,15 @@ import argparse
 import sys
 from collections.abc import Mapping
 
-from jezero.runtime.config import Instance, checked_host, load_config
+from jezero.base.config import load_config
+from jezero.base.vehicle_config import VehicleConfig
+from jezero.runtime.instance import Instance, checked_host
 from jezero.runtime.links import SILENCE_MAX_S, SocketLink, TcpServer
 from jezero.runtime.process import run_process
 from jezero.runtime.service import Service
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.rover_port import ROVER
 from jezero.services.simulator.service import HIL, Simulator
-from jezero.vehicle_config import VehicleConfig
 
 HOST = "127.0.0.1"
 

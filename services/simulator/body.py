@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from jezero.frames import Quat, Vec3
+from jezero.base.frames import Quat, Vec3
 
 
 class BodyState(NamedTuple):

@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from jezero.frames import Vec3
-from jezero.runtime.config import Config
+from jezero.base.config import Config
+from jezero.base.frames import Vec3
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 NonNegative = Annotated[float, Meta(ge=0.0, le=1e6)]

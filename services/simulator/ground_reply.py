@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jezero.frames import Vec3
+from jezero.base.frames import Vec3
 from jezero.schemas.terrain import Ground, Rock
 from jezero.services.simulator.terrain import HALF_SIDE_M, ICOSAHEDRON, SPACING_M, Terrain
 

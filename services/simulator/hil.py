@@ -7,8 +7,8 @@ Source: MAVLink common dialect; PX4 v1.15 `simulator_mavlink`, which uses a grou
 from collections.abc import Sequence
 from math import atan2, degrees, hypot, inf, sqrt
 
-from jezero.frames import Vec3
-from jezero.mavlink import FramePacker, MavlinkCodec, MavMessage, dialect
+from jezero.base.frames import Vec3
+from jezero.base.mavlink import FramePacker, MavlinkCodec, MavMessage, dialect
 from jezero.schemas.sensors import Barometer, Gnss, Magnetometer
 
 SYSTEM_ID = 1

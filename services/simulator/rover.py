@@ -2,7 +2,7 @@
 
 from math import atan, cos, radians, sin
 
-from jezero.frames import (
+from jezero.base.frames import (
     Quat,
     Vec3,
     quat_conjugate,

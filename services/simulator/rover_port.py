@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from jezero.rover_link import MessageLines, line_of
+from jezero.base.rover_link import MessageLines, line_of
 from jezero.runtime.service import Inbox, Publish, Send
 from jezero.schemas.commands import RoverCommand
 from jezero.schemas.sensors import RoverOdometry

@@ -6,7 +6,7 @@ Each sensor draws from a stream of its own, so that switching one off leaves the
 from math import ceil, cos, sin
 from typing import NamedTuple
 
-from jezero.frames import (
+from jezero.base.frames import (
     Vec3,
     add,
     distance,
@@ -19,6 +19,7 @@ from jezero.frames import (
     subtract,
     wrap_pi,
 )
+from jezero.base.vehicle_config import AltimeterMountConfig, UwbLayoutConfig
 from jezero.schemas import sensors as messages
 from jezero.schemas.units import NS_PER_S
 from jezero.services.simulator.body import BodyState, RoverState
@@ -33,7 +34,6 @@ from jezero.services.simulator.config import (
     UwbConfig,
 )
 from jezero.services.simulator.noise import Normals, Wander, generator, normals_of
-from jezero.vehicle_config import AltimeterMountConfig, UwbLayoutConfig
 
 PRESSURE_SEA_PA = 101_325.0
 TEMPERATURE_SEA_K = 288.15

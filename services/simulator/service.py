@@ -4,7 +4,8 @@ from collections.abc import Iterable
 from dataclasses import replace
 from math import inf
 
-from jezero.frames import euler_from_quat, subtract
+from jezero.base.frames import euler_from_quat, subtract
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.service import Health, Inbox, Output, Publish, Reply, Send, Spec
 from jezero.schemas import sensors as messages
 from jezero.schemas import topics
@@ -24,7 +25,6 @@ from jezero.services.simulator.schedule import Schedule
 from jezero.services.simulator.terrain import make_terrain
 from jezero.services.simulator.uav import Uav
 from jezero.services.simulator.wind import Wind
-from jezero.vehicle_config import VehicleConfig
 
 STEPS_PER_S = 250
 DT_S = 1.0 / STEPS_PER_S

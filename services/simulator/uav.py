@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from math import exp, sqrt
 
-from jezero.frames import Vec3, quat_conjugate, quat_rotate, subtract
+from jezero.base.frames import Vec3, quat_conjugate, quat_rotate, subtract
+from jezero.base.vehicle_config import AirframeConfig
 from jezero.services.simulator.body import BodyState
 from jezero.services.simulator.config import SimulatorConfig
-from jezero.vehicle_config import AirframeConfig
 
 GROUND_EFFECT_MAX = 1.3
 

@@ -6,7 +6,7 @@ speed; its filters are discretised exactly, so the variance is right at any step
 
 from math import cos, exp, radians, sin, sqrt
 
-from jezero.frames import Vec3
+from jezero.base.frames import Vec3
 from jezero.services.simulator.config import WindConfig
 from jezero.services.simulator.noise import Normals
 

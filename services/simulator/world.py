@@ -8,7 +8,7 @@ from math import cos, sin
 
 import numpy as np
 
-from jezero.frames import (
+from jezero.base.frames import (
     Quat,
     Vec3,
     enu_from_ned,
@@ -18,11 +18,11 @@ from jezero.frames import (
     quat_conjugate,
     quat_rotate,
 )
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.services.simulator.body import BodyState, RoverState
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.quiet_pybullet import pybullet
 from jezero.services.simulator.terrain import HALF_SIDE_M, POINTS, SPACING_M, Terrain
-from jezero.vehicle_config import VehicleConfig
 
 STEPS_PER_S = 250
 DT_S = 1.0 / STEPS_PER_S

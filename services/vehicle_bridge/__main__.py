@@ -5,8 +5,10 @@ from collections.abc import Mapping
 from functools import partial
 from secrets import token_hex
 
-from jezero.plugins import action_names
-from jezero.runtime.config import Instance, load_config
+from jezero.base.config import load_config
+from jezero.base.plugins import action_names
+from jezero.base.vehicle_config import VehicleConfig
+from jezero.runtime.instance import Instance
 from jezero.runtime.links import SocketLink, Udp
 from jezero.runtime.process import run_process
 from jezero.runtime.service import Service
@@ -14,7 +16,6 @@ from jezero.schemas.fence import Fence
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.kept_fence import kept_fence_path, load, save
 from jezero.services.vehicle_bridge.service import LINK, VehicleBridge
-from jezero.vehicle_config import VehicleConfig
 
 HOST = "127.0.0.1"
 

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import get_args
 
-from jezero.frames import Vec3, altitude_m, horizontal
+from jezero.base.frames import Vec3, altitude_m, horizontal
+from jezero.base.vehicle_config import VehicleConfig, VehicleLimitsConfig
 from jezero.schemas.commands import Acquire, Hover, Phase, Release, Setpoint
 from jezero.schemas.preflight import Override
 from jezero.schemas.state import STATUS_WORDS
 from jezero.schemas.state import StatusCode as Code
 from jezero.schemas.topics import ACTIONS
 from jezero.services.vehicle_bridge.vehicle import LINK_TIMEOUT_S, Target, VehicleSnapshot
-from jezero.vehicle_config import VehicleConfig, VehicleLimitsConfig
 
 OVERRIDABLE = frozenset(get_args(Override))
 """Names of the preflight checks that a takeoff may override."""

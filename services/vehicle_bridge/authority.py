@@ -12,7 +12,8 @@ from math import isfinite
 
 import msgspec
 
-from jezero.frames import Vec3
+from jezero.base.frames import Vec3
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.schemas.commands import Acquire, Hover, Release, Setpoint
 from jezero.schemas.state import InCharge, StatusCode
 from jezero.services.vehicle_bridge.admission import (
@@ -35,7 +36,6 @@ from jezero.services.vehicle_bridge.fence import FenceKeeper
 from jezero.services.vehicle_bridge.flight_monitor import Disarming, EngagementTimer, FlightMonitor
 from jezero.services.vehicle_bridge.takeover import TakeoverDetector, UnarmableModeDetector
 from jezero.services.vehicle_bridge.vehicle import LAND, OFFBOARD, Command, ResetHistory, Target, VehicleSnapshot
-from jezero.vehicle_config import VehicleConfig
 
 MAX_AGE_NS = 300_000_000
 """A setpoint is flown up to this age."""

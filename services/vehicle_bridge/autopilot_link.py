@@ -7,8 +7,8 @@ from types import MappingProxyType
 
 import msgspec
 
-from jezero.frames import Quat, Vec3, quat_normalize, quat_rotate
-from jezero.mavlink import FieldReader, FramePacker, MavlinkCodec, MavMessage, dialect
+from jezero.base.frames import Quat, Vec3, quat_normalize, quat_rotate
+from jezero.base.mavlink import FieldReader, FramePacker, MavlinkCodec, MavMessage, dialect
 from jezero.schemas.state import Battery, Geodetic, Odometry
 from jezero.services.vehicle_bridge.fence import FenceUpload
 from jezero.services.vehicle_bridge.parameters import ParameterSetter

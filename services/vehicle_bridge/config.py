@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from jezero.runtime.config import Config
+from jezero.base.config import Config
 from jezero.schemas.struct import END
 
 ParameterName = Annotated[str, Meta(pattern=rf"^[A-Z][A-Z0-9_]{{0,15}}{END}")]

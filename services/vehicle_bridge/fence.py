@@ -9,10 +9,11 @@ from zlib import crc32
 
 from shapely.geometry import MultiPolygon, Polygon  # now, as no step of the bridge has time for this import
 
-from jezero.codec import encode
-from jezero.fence import fence_refusal, outside_reason, place_refusal, placed, point_inside
-from jezero.frames import Vec3, geodetic_from_ned
-from jezero.mavlink import MavMessage, dialect
+from jezero.base.codec import encode
+from jezero.base.fence import fence_refusal, outside_reason, place_refusal, placed, point_inside
+from jezero.base.frames import Vec3, geodetic_from_ned
+from jezero.base.mavlink import MavMessage, dialect
+from jezero.base.vehicle_config import VehicleLimitsConfig
 from jezero.runtime.service import Inbox, Output, Publish, Reply
 from jezero.schemas.fence import Fence, FenceReply, FenceState, Zone
 from jezero.schemas.state import StatusCode
@@ -20,7 +21,6 @@ from jezero.schemas.topics import FENCE, SET_FENCE
 from jezero.services.vehicle_bridge.config import OnFence
 from jezero.services.vehicle_bridge.motion_limits import limited_target
 from jezero.services.vehicle_bridge.vehicle import Target, VehicleSnapshot
-from jezero.vehicle_config import VehicleLimitsConfig
 
 PERIOD_NS = 1_000_000_000
 IN_FLIGHT = "the fence can't change while the vehicle is armed: land and disarm first"

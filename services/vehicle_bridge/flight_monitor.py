@@ -2,11 +2,11 @@
 
 from math import degrees
 
-from jezero.frames import horizontal, norm, subtract
+from jezero.base.frames import horizontal, norm, subtract
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.services.vehicle_bridge.admission import force_disarm_refusal
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.vehicle import LINK_TIMEOUT_S, OFFBOARD, Command, Target, VehicleSnapshot
-from jezero.vehicle_config import VehicleConfig
 
 STREAM_LEAD_S = 0.2
 """Setpoints are streamed for this time before the autopilot is commanded into offboard mode."""

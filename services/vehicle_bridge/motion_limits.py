@@ -10,11 +10,11 @@ from math import hypot, sqrt
 
 from msgspec.structs import replace
 
-from jezero.fence import Edge, edges
-from jezero.frames import Vec3, add, altitude_m, dot, horizontal, norm, scale, subtract
+from jezero.base.fence import Edge, edges
+from jezero.base.frames import Vec3, add, altitude_m, dot, horizontal, norm, scale, subtract
+from jezero.base.vehicle_config import VehicleLimitsConfig
 from jezero.schemas.fence import Fence
 from jezero.services.vehicle_bridge.vehicle import Target, VehicleSnapshot
-from jezero.vehicle_config import VehicleLimitsConfig
 
 EDGE_M = 0.4
 """Targets keep this far inside the fence: less than planned ways do, so that a goal's tracking errors meet no limit."""

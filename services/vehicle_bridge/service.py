@@ -4,7 +4,8 @@ from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 from math import inf
 
-from jezero.frames import Quat, Vec3, add, altitude_m, horizontal
+from jezero.base.frames import Quat, Vec3, add, altitude_m, horizontal
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.service import Health, Inbox, Output, Publish, Reply, Send, Spec, Subscribe
 from jezero.schemas.fence import Fence
 from jezero.schemas.health import ServiceState
@@ -36,7 +37,6 @@ from jezero.services.vehicle_bridge.requests import RequestQueue, unknown_action
 from jezero.services.vehicle_bridge.takeover import ForeignSetpointDetector
 from jezero.services.vehicle_bridge.vehicle import LINK_TIMEOUT_S, OFFBOARD, Target, VehicleSnapshot
 from jezero.services.vehicle_bridge.wind_estimator import WindEstimator
-from jezero.vehicle_config import VehicleConfig
 
 LINK = "autopilot"
 STATUS_PERIOD_NS = 100_000_000

@@ -10,7 +10,7 @@ from math import dist, isnan
 
 import msgspec
 
-from jezero.frames import Vec3
+from jezero.base.frames import Vec3
 from jezero.schemas.state import InCharge
 from jezero.services.vehicle_bridge.vehicle import LAND, OFFBOARD, Target, VehicleSnapshot
 

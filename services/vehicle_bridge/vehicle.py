@@ -5,7 +5,7 @@ from enum import StrEnum
 
 import msgspec
 
-from jezero.frames import Quat, Vec3, add, scale, subtract, tilt_from_quat, yaw_from_quat
+from jezero.base.frames import Quat, Vec3, add, scale, subtract, tilt_from_quat, yaw_from_quat
 from jezero.schemas.preflight import Check
 
 OFFBOARD = "OFFBOARD"

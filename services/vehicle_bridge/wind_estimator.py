@@ -4,11 +4,11 @@ from math import hypot, sqrt
 
 import msgspec
 
-from jezero.frames import Quat, Vec3, quat_conjugate, quat_rotate
+from jezero.base.frames import Quat, Vec3, quat_conjugate, quat_rotate
+from jezero.base.vehicle_config import AirframeConfig
 from jezero.schemas.state import Odometry
 from jezero.schemas.units import GRAVITY_MPS2, NS_PER_S
 from jezero.services.vehicle_bridge.vehicle import VehicleSnapshot
-from jezero.vehicle_config import AirframeConfig
 
 SAMPLE_S = 0.4
 """One sample of the wind is made of this time of flight. Shorter differences of the velocity would be mostly noise."""

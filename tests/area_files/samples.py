@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from jezero.area_files import Area, AreaFileError, read_area
-from jezero.frames import geodetic_from_ned
+from jezero.base.frames import geodetic_from_ned
 
 ORIGIN_DEG = (47.397742, 8.545594)
 EXAMPLES = Path(__file__).parents[2] / "docs/how-to/fields"

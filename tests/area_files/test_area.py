@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from jezero.area_files import AreaFileError, FilePolygon, place, read_area
-from jezero.frames import ned_from_geodetic
+from jezero.base.frames import ned_from_geodetic
 from tests.area_files.samples import FIELD, ORIGIN_DEG, POLYGON, degrees, geojson, near, read, sentence
 
 FAR = {"type": "Polygon", "coordinates": [geojson([(100.0, 0.0), (100.0, 20.0), (110.0, 20.0)])]}

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from jezero.base.codec import encode
 from jezero.cli.flight import camera
 from jezero.cli.terminal import UNREACHABLE
 from jezero.client import JezeroError
 from jezero.client.png import png_of
 from jezero.client.session import decode
-from jezero.codec import encode
 from jezero.schemas.sensors import CameraFrame
 
 FRAME = CameraFrame(

@@ -12,11 +12,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.writer import Writer
 
+from jezero.base.codec import encode
+from jezero.base.router_address import is_loopback
 from jezero.cli.main import main
 from jezero.cli.terminal import UNREACHABLE, USAGE
-from jezero.codec import encode
 from jezero.recording.writer import RecordingWriter
-from jezero.router_address import is_loopback
 from jezero.schemas import topics
 from jezero.schemas.actions import Rejected
 from jezero.schemas.state import Clock

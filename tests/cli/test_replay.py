@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
+from jezero.base.router_address import is_loopback
 from jezero.cli.main import main
 from jezero.cli.terminal import FAILED, UNREACHABLE, USAGE
-from jezero.router_address import is_loopback
 from tests.client.rig import free_endpoint
 from tests.recording.rig import record
 

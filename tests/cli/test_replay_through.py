@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
+from jezero.base.config import load_config
 from jezero.cli.main import main
-from jezero.runtime.config import load_config
 from jezero.services.estimator.config import EstimatorConfig
 from tests.replay.rig import SEED, record_takeoff
 

@@ -13,13 +13,13 @@ import pytest
 import zenoh
 
 from jezero import Vehicle
+from jezero.base.zenoh_client import client_config
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, Feedback, Result
 from jezero.schemas.goals import MoveFeedback, MoveResult
 from jezero.schemas.rows import Topic
 from jezero.schemas.state import Odometry, Status, StatusCode
 from jezero.schemas.struct import Message, Payload
-from jezero.zenoh_client import client_config
 
 POINT = (0.0, 0.0, -2.0)
 ODOMETRY = Odometry(

@@ -10,9 +10,9 @@ import msgspec
 import pytest
 from PIL import Image as Pillow
 
+from jezero.base.frames import q_frd_from_camera, quat_from_euler, quat_multiply, quat_normalize
 from jezero.client.dataset import Dataset, exif_of
 from jezero.client.images import Picture
-from jezero.frames import q_frd_from_camera, quat_from_euler, quat_multiply, quat_normalize
 from jezero.schemas.images import LISTING, Image, QuatNedFromCamera
 from jezero.schemas.sensors import Gnss
 

@@ -14,7 +14,7 @@ import pytest
 from jezero import TimedOut, Unreachable, Vehicle, aio
 from jezero.cli.terminal import UNREACHABLE
 from jezero.keys.team import Team
-from jezero.runtime.bus_address import socket_of
+from jezero.runtime.instance import socket_of
 from jezero.runtime.routing import open_router
 from jezero.schemas import topics
 from jezero.services.ground_station.web.feed import Feed

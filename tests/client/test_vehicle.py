@@ -8,6 +8,7 @@ import pytest
 import zenoh
 
 from jezero import Aborted, Canceled, JezeroError, Refused, TimedOut, Unreachable, Vehicle
+from jezero.base.zenoh_client import client_config
 from jezero.schemas import topics
 from jezero.schemas.actions import (
     Accepted,
@@ -22,7 +23,6 @@ from jezero.schemas.actions import (
 from jezero.schemas.commands import AbortReply, HoverReply, KillReply
 from jezero.schemas.goals import MoveResult, TakeoffGoal
 from jezero.schemas.state import StatusCode
-from jezero.zenoh_client import client_config
 from tests.client.rig import (
     ACCEPTED,
     POINT,

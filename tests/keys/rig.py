@@ -9,11 +9,11 @@ from typing import Any
 
 import zenoh
 
+from jezero.base.zenoh_client import config_of
 from jezero.keys.bundle import secured
 from jezero.keys.members import Role
 from jezero.keys.team import Team
 from jezero.runtime.routing import ROUTER_SETTINGS
-from jezero.zenoh_client import config_of
 
 
 def make_team(folder: Path) -> Team:

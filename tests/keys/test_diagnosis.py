@@ -15,8 +15,7 @@ from jezero import Unreachable, Vehicle
 from jezero.keys.bundle import secured
 from jezero.keys.diagnosis import connection_problem
 from jezero.keys.team import Team
-from jezero.runtime.bus_address import socket_of
-from jezero.runtime.config import HostLinks
+from jezero.runtime.instance import HostLinks, socket_of
 from jezero.runtime.routing import ListenError, open_gate, open_router, router_problem
 from tests.keys.rig import add_at, free_port, make_team, router
 

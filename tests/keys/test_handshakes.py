@@ -14,10 +14,10 @@ import pytest
 import zenoh
 
 from jezero import Unreachable, Vehicle
+from jezero.base.zenoh_client import client_config
 from jezero.keys.bundle import secured
 from jezero.keys.diagnosis import connection_problem
 from jezero.keys.team import Team
-from jezero.zenoh_client import client_config
 from tests.keys.rig import add_at, make_team, router
 from tests.keys.strange_certificates import SERVER, strange_bundle
 from tests.runtime.computers import computer

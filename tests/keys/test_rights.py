@@ -15,13 +15,13 @@ import pytest
 import zenoh
 
 from jezero import Refused, Unreachable, Vehicle
+from jezero.base.zenoh_client import client_config
 from jezero.client.session import Connection
 from jezero.keys.bundle import secured
 from jezero.keys.members import MEMBERS as MEMBERS_FILE
 from jezero.keys.members import Role
 from jezero.keys.team import Team
-from jezero.runtime.bus_address import socket_of
-from jezero.runtime.config import HostLinks
+from jezero.runtime.instance import HostLinks, socket_of
 from jezero.runtime.routing import ListenError, open_gate, open_router
 from jezero.schemas.commands import RoverCommand
 from jezero.schemas.rows import CLIENTS, Endpoint, Topic
@@ -36,7 +36,6 @@ from jezero.schemas.topics import (
     key,
     liveliness_key,
 )
-from jezero.zenoh_client import client_config
 from tests.keys.rig import free_port, make_team
 
 VEHICLE = "uav1"

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 import zenoh
 
+from jezero.base.zenoh_client import client_config
 from jezero.keys.bundle import secured
 from jezero.keys.members import KeysError, read_members
 from jezero.keys.team import Team
-from jezero.zenoh_client import client_config
 from tests.keys.rig import access_control, add_at, make_team, router
 
 CONNECT_TIMEOUT_S = 0.6

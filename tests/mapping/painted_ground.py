@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from jezero.frames import Quat, Vec3, quat_from_euler, quat_multiply, quat_normalize
-from jezero.lens import undistort
+from jezero.base.frames import Quat, Vec3, quat_from_euler, quat_multiply, quat_normalize
+from jezero.base.lens import undistort
 from jezero.mapping.mosaic import Mosaic
 from jezero.schemas.images import LISTING
 from jezero.schemas.sensors import NO_DISTORTION, Distortion

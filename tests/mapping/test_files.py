@@ -11,8 +11,8 @@ from click.testing import CliRunner
 from PIL import Image as Pillow
 from pyproj import CRS, Transformer
 
+from jezero.base.frames import EARTH_RADIUS_M, Vec3, geodetic_from_ned
 from jezero.cli.main import main
-from jezero.frames import EARTH_RADIUS_M, Vec3, geodetic_from_ned
 from jezero.mapping.files import projection_wkt
 from tests.mapping.painted_ground import change_images, dataset
 

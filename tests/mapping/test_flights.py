@@ -9,10 +9,10 @@ import pytest
 from click.testing import CliRunner
 from numpy.typing import NDArray
 
+from jezero.base.frames import geodetic_from_ned
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.cli.main import main
-from jezero.frames import geodetic_from_ned
 from jezero.mapping.making import Map, make_map
-from jezero.vehicle_config import VehicleConfig
 from tests.mapping.painted_ground import M_PER_PX, change_images, dataset, displacement_m
 
 ORIGIN_DEG = (47.397742, 8.545594, 488.0)

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.cli.main import main
 from jezero.mapping.ground import fit_ground
 from jezero.mapping.making import make_map
 from jezero.mapping.survey import SurveyError, read_survey
 from jezero.schemas.images import LISTING
 from jezero.schemas.sensors import Distortion
-from jezero.vehicle_config import VehicleConfig
 from tests.mapping.painted_ground import FOCAL_PX, HEIGHT_M, HEIGHT_PX, M_PER_PX, WIDTH_PX, dataset, displacement_m
 
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.mapping.making import make_map
 from jezero.mapping.mosaic import Mosaic
 from jezero.schemas.images import LISTING
-from jezero.vehicle_config import VehicleConfig
 from tests.mapping.painted_ground import HEIGHT_M, M_PER_PX, dataset
 
 BOARD_M, BOARD_HEIGHT_M = 1.0, 0.5

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.mapping.making import make_map
 from jezero.mapping.survey import SurveyError, read_survey
 from jezero.schemas.images import LISTING
-from jezero.vehicle_config import VehicleConfig
 from tests.mapping.painted_ground import dataset
 
 FIELDS_PER_DATASET = 2

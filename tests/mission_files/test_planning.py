@@ -4,13 +4,13 @@ from typing import Any
 
 import pytest
 
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.mission_files import plan_mission
 from jezero.mission_files.planning import Start, StepPlan
 from jezero.schemas.actions import PlanReply
 from jezero.schemas.goals import ReturnHomeGoal, TakeoffGoal
 from jezero.schemas.mission import GoalStep, Mission, Step, WaitStep
 from jezero.schemas.topics import ACTIONS
-from jezero.vehicle_config import VehicleConfig
 
 VEHICLE = VehicleConfig()
 SPEED_MPS = 5.0

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jezero.frames import Quat, Vec3, add, quat_between, quat_conjugate, quat_rotate, scale, subtract
+from jezero.base.frames import Quat, Vec3, add, quat_between, quat_conjugate, quat_rotate, scale, subtract
 
 Pose = tuple[Vec3, Quat]
 """Translation and rotation of a frame in its parent."""

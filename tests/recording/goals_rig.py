@@ -5,7 +5,7 @@ from pathlib import Path
 import msgspec
 from msgspec import Raw
 
-from jezero.codec import encode
+from jezero.base.codec import encode
 from jezero.recording import RecordedGoal, open_recording
 from jezero.recording.writer import RecordingWriter
 from jezero.schemas import topics

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from jezero.codec import encode
+from jezero.base.codec import encode
 from jezero.recording.writer import RecordingWriter
 from jezero.schemas import topics
 from jezero.schemas.sensors import Altimeter

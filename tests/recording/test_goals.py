@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from msgspec import Raw
 
-from jezero.codec import encode
+from jezero.base.codec import encode
 from jezero.recording import RecordingError
 from jezero.recording.goals import feedback_by_goal
 from jezero.schemas import topics

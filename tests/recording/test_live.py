@@ -8,13 +8,13 @@ from itertools import count
 
 import pytest
 
-from jezero.codec import encode
+from jezero.base.codec import encode
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.recording.images import decompress
 from jezero.recording.live import LiveServer, ServeError
 from jezero.recording.viewer_scene import ViewerScene
 from jezero.schemas import topics
 from jezero.schemas.sensors import Altimeter, CameraFrame
-from jezero.vehicle_config import VehicleConfig
 from tests.recording.foxglove_client import FoxgloveClient
 
 FRAME = CameraFrame(

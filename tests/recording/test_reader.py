@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from jezero.codec import encode
+from jezero.base.codec import encode
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.recording import RecordingError, open_recording
 from jezero.recording.editing import cut, repair
 from jezero.recording.export import write_csv
@@ -17,7 +18,6 @@ from jezero.recording.viewer_scene import ViewerScene
 from jezero.recording.writer import RecordingWriter
 from jezero.schemas import topics
 from jezero.schemas.sensors import Altimeter
-from jezero.vehicle_config import VehicleConfig
 from tests.client.rig import ODOMETRY
 from tests.recording.rig import SECOND_NS, record
 

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from jezero.codec import encode
-from jezero.frames import Vec3, enu_from_ned, quat_from_euler, quat_multiply, quat_rotate
+from jezero.base.codec import encode
+from jezero.base.frames import Vec3, enu_from_ned, quat_from_euler, quat_multiply, quat_rotate
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.recording.channels import json_schema, schema_name
 from jezero.recording.thinned_path import POINTS_MAX, ThinnedPath
 from jezero.recording.viewer_scene import CALIBRATION, LOCATION, SCENE, TRANSFORMS, ViewerScene
@@ -21,7 +22,6 @@ from jezero.schemas.rows import Topic
 from jezero.schemas.state import Odometry, Truth
 from jezero.schemas.struct import Message
 from jezero.schemas.units import NS_PER_S
-from jezero.vehicle_config import VehicleConfig
 from tests.recording.frames_of_viewers import in_map
 
 VEHICLE = VehicleConfig()

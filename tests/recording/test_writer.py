@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from jezero.camera_preview import preview_of
-from jezero.codec import encode
+from jezero.base.camera_preview import preview_of
+from jezero.base.codec import encode
 from jezero.recording import open_recording
 from jezero.recording.channels import json_schema, keys_without_images, schema_name
 from jezero.recording.images import ImageFormat

@@ -5,9 +5,9 @@ from typing import Literal
 
 import msgspec
 
+from jezero.base.config import load_config
 from jezero.recording.images import ImageFormat
 from jezero.recording.writer import RecordingWriter
-from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import SentRequest
 from jezero.schemas import topics
 from jezero.schemas.goals import TakeoffGoal

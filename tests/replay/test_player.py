@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from jezero.codec import encode
+from jezero.base.codec import encode
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.recording import RecordingError, open_recording
 from jezero.recording.images import HEADERS, ImageFormat
 from jezero.recording.viewer_scene import ViewerScene
@@ -16,7 +17,6 @@ from jezero.schemas import topics
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.journal import JournalPart
 from jezero.schemas.sensors import CameraFrame
-from jezero.vehicle_config import VehicleConfig
 from tests.client.rig import ODOMETRY
 from tests.recording.rig import SECOND_NS, record
 

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from jezero.base.codec import encode
 from jezero.cli.demonstration import pointing_to
 from jezero.cli.terminal import Printer
-from jezero.codec import encode
 from jezero.recording import Entry
 from jezero.recording.writer import RECORDING, RecordingWriter
 from jezero.report.landings import Series, landings

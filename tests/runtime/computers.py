@@ -10,10 +10,10 @@ from pathlib import Path
 
 import zenoh
 
+from jezero.base.zenoh_client import client_config
 from jezero.keys.bundle import secured
 from jezero.keys.team import Team
-from jezero.runtime.bus_address import socket_of
-from jezero.zenoh_client import client_config
+from jezero.runtime.instance import socket_of
 from tests.keys.rig import free_port
 
 LATEST_S = 30.0

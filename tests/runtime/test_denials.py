@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 import zenoh
 
+from jezero.base.zenoh_client import client_config
 from jezero.keys.bundle import secured
 from jezero.runtime.denials import (
     DENIALS_MAX,
@@ -19,7 +20,6 @@ from jezero.runtime.denials import (
     Denials,
 )
 from jezero.schemas.topics import CLOCK, HOVER, KILL, STATUS, key
-from jezero.zenoh_client import client_config
 from tests.keys.rig import add_at, make_team
 from tests.runtime.computers import computer
 

@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 import zenoh
 
+from jezero.base.zenoh_client import client_config
 from jezero.keys.bundle import secured
 from jezero.keys.team import Team
-from jezero.runtime.bus_address import socket_of
-from jezero.runtime.config import HostLinks
 from jezero.runtime.gate import Uplinks
+from jezero.runtime.instance import HostLinks, socket_of
 from jezero.runtime.routing import (
     COMMANDS_MAX_HZ,
     MESSAGES_MAX_HZ,
@@ -39,7 +39,6 @@ from jezero.schemas.topics import (
     journal_of,
     key,
 )
-from jezero.zenoh_client import client_config
 from tests.keys.rig import free_port, make_team
 
 VEHICLE = "uav1"

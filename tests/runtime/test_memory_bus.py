@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from jezero.codec import NotFiniteError, decode, encode
+from jezero.base.codec import NotFiniteError, decode, encode
 from jezero.runtime.memory_bus import BACKGROUND_TASK_S, BUS_DELAY, LinkDelay, MemoryBus
 from jezero.runtime.node import FAILED_STEPS_MAX
 from jezero.runtime.service import (

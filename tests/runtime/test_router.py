@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from jezero.runtime.bus_address import PATH_MAX_BYTES, PREFIX, bus_of_router, service_instance, socket_of
-from jezero.runtime.config import ConfigError
-from jezero.runtime.routing import SIZE_MAX_BYTES, open_router
+from jezero.base.config import ConfigError
+from jezero.base.zenoh_client import client_config
+from jezero.runtime.instance import PATH_MAX_BYTES, PREFIX, service_instance, socket_of
+from jezero.runtime.routing import SIZE_MAX_BYTES, bus_of_router, open_router
 from jezero.schemas.topics import CAMERA, HOVER, STATUS, TAKEOFF, feedback_of, key
-from jezero.zenoh_client import client_config
 from tests.client.rig import free_endpoint
 
 VEHICLE = "uav1"

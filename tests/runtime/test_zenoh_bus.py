@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from jezero.codec import encode, split_attachment
+from jezero.base.codec import encode, split_attachment
 from jezero.runtime import zenoh_bus
-from jezero.runtime.config import Instance
+from jezero.runtime.instance import Instance
 from jezero.runtime.node import FAILED_STEPS_MAX
 from jezero.runtime.service import Call, Inbox, Output, Publish, Reply, Response, Spec
 from jezero.schemas import topics

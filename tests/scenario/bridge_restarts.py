@@ -5,8 +5,9 @@ from math import degrees
 from typing import Any
 
 from benchmarks.quality.orbit import Black
-from jezero.frames import altitude_m, tilt_from_quat
-from jezero.runtime.config import load_config
+from jezero.base.config import load_config
+from jezero.base.frames import altitude_m, tilt_from_quat
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.runtime.service import Service
 from jezero.schemas import topics
@@ -18,7 +19,6 @@ from jezero.schemas.state import StatusCode
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.service import Camera
 from jezero.trials.stack import SYSTEM_ID, boot_id, service_makers, wired_bus
-from jezero.vehicle_config import VehicleConfig
 from tests.scenario.rig import Flight, go_to, land_at
 
 BRIDGE = "vehicle_bridge"

@@ -4,8 +4,9 @@ from typing import Any
 
 import msgspec
 
-from jezero.plugins import all_actions
-from jezero.runtime.config import load_config
+from jezero.base.config import load_config
+from jezero.base.plugins import all_actions
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.schemas import topics
 from jezero.schemas.mission import FailurePolicy, GoalStep, Mission, MissionCommand, MissionProgress, MissionReply
@@ -15,7 +16,6 @@ from jezero.services.mission.record import MissionRecord
 from jezero.services.mission.service import MissionService
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.trials.stack import BlankCamera, build_stack
-from jezero.vehicle_config import VehicleConfig
 from tests.scenario.rig import Flight
 
 TAKEOFF = GoalStep(label="take off", action="takeoff", goal={"altitude_m": 2.0})

@@ -5,7 +5,7 @@ from typing import Any
 
 import msgspec
 
-from jezero.mavlink import MavlinkCodec, MavMessage
+from jezero.base.mavlink import MavlinkCodec, MavMessage
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.runtime.service import Inbox, Output, Send, Service
 from jezero.schemas import topics

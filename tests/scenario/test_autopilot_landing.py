@@ -5,7 +5,7 @@ from math import degrees
 import pytest
 
 from benchmarks.quality.autopilot import CLIMB_S, HEIGHT_M, READY_S, Target, fly
-from jezero.frames import horizontal, tilt_from_quat
+from jezero.base.frames import horizontal, tilt_from_quat
 
 DOWN_S = READY_S + CLIMB_S
 DISARM_S = 2.0

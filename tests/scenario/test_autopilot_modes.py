@@ -7,9 +7,10 @@ import msgspec
 import pytest
 
 from benchmarks.quality.autopilot import windy
-from jezero.frames import EARTH_RADIUS_M, horizontal
-from jezero.mavlink import MavlinkCodec, MavMessage, dialect
-from jezero.runtime.config import load_config
+from jezero.base.config import load_config
+from jezero.base.frames import EARTH_RADIUS_M, horizontal
+from jezero.base.mavlink import MavlinkCodec, MavMessage, dialect
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.memory_bus import UDP_DELAY, MemoryBus
 from jezero.runtime.service import Inbox, Output, Send, Spec
 from jezero.schemas import topics
@@ -18,7 +19,6 @@ from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.service import Autopilot
 from jezero.services.simulator.service import Simulator
 from jezero.trials.stack import SYSTEM_ID
-from jezero.vehicle_config import VehicleConfig
 
 ARM, TAKEOFF, LAND, RETURN, REPOSITION = 400, 22, 21, 20, 192
 NORTH_10_M_DEG = 10.0 / EARTH_RADIUS_M * 57.29577951308232

@@ -5,9 +5,9 @@ from collections.abc import Callable
 import msgspec
 import pytest
 
-from jezero.codec import decode
-from jezero.frames import distance, subtract
-from jezero.runtime.config import load_config
+from jezero.base.codec import decode
+from jezero.base.config import load_config
+from jezero.base.frames import distance, subtract
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.schemas import topics
 from jezero.schemas.estimate import TagEstimate

@@ -4,10 +4,11 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 
-from jezero.codec import decode, encode
-from jezero.frames import distance
+from jezero.base.codec import decode, encode
+from jezero.base.config import load_config
+from jezero.base.frames import distance
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.mission_files import shipped_mission
-from jezero.runtime.config import load_config
 from jezero.schemas import topics
 from jezero.schemas.actions import FeedbackMessage
 from jezero.schemas.commands import Hover
@@ -18,7 +19,6 @@ from jezero.schemas.preflight import PreflightReport
 from jezero.schemas.state import Status
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.mission.config import MissionConfig
-from jezero.vehicle_config import VehicleConfig
 from tests.scenario.mission_rig import LAND, TAKEOFF, MissionFlight, go
 from tests.scenario.rig import go_to
 

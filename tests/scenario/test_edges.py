@@ -8,9 +8,9 @@ from math import cos, degrees, pi, sin
 import pytest
 
 from benchmarks.quality.autopilot import READY_S, Target, fly, windy
-from jezero.frames import tilt_from_quat
-from jezero.mavlink import dialect
-from jezero.runtime.config import load_config
+from jezero.base.config import load_config
+from jezero.base.frames import tilt_from_quat
+from jezero.base.mavlink import dialect
 from jezero.schemas import topics
 from jezero.schemas.commands import Hover
 from jezero.schemas.state import StatusCode, Truth

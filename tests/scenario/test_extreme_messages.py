@@ -9,8 +9,8 @@ from typing import Any
 import msgspec
 import pytest
 
+from jezero.base.codec import BadPayloadError, decode, has_attachment
 from jezero.cli.reference.topics import all_specs, all_topics
-from jezero.codec import BadPayloadError, decode, has_attachment
 from jezero.schemas import topics
 from jezero.schemas.goals import AreaCoverageGoal, GetImagesGoal, Goal, LandOnSpotGoal, ReturnHomeGoal
 from jezero.schemas.rows import Action, Topic

@@ -5,8 +5,9 @@ from math import degrees
 
 import pytest
 
-from jezero.frames import altitude_m, horizontal, tilt_from_quat
-from jezero.mavlink import MavlinkCodec, MavMessage, dialect
+from jezero.base.frames import altitude_m, horizontal, tilt_from_quat
+from jezero.base.mavlink import MavlinkCodec, MavMessage, dialect
+from jezero.base.vehicle_config import BatteryConfig, VehicleConfig
 from jezero.runtime.memory_bus import UDP_DELAY
 from jezero.runtime.service import Inbox, Output, Send, Spec
 from jezero.schemas import topics
@@ -15,7 +16,6 @@ from jezero.schemas.state import StatusCode
 from jezero.services.autopilot.config import AutopilotConfig, FailsafeConfig, NavigatorConfig
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.trials.stack import build_stack
-from jezero.vehicle_config import BatteryConfig, VehicleConfig
 from tests.scenario.rig import Flight, go_to
 
 CLOSE_TO_HOME = NavigatorConfig(rtl_return_alt_m=6.0)

@@ -3,8 +3,8 @@
 import msgspec
 import pytest
 
-from jezero.frames import altitude_m
-from jezero.runtime.config import load_config
+from jezero.base.config import load_config
+from jezero.base.frames import altitude_m
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.schemas import topics
 from jezero.schemas.goals import LandOnSpotGoal

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from jezero.mavlink import MavlinkCodec, dialect
+from jezero.base.mavlink import MavlinkCodec, dialect
 from jezero.runtime.memory_bus import UDP_DELAY
 from jezero.runtime.service import Inbox, Output, Send, Spec
 from jezero.services.autopilot.mavlink_receiver import FORCE_DISARM

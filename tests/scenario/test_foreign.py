@@ -4,8 +4,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from jezero.frames import norm
-from jezero.mavlink import MavlinkCodec, MavMessage, dialect
+from jezero.base.frames import norm
+from jezero.base.mavlink import MavlinkCodec, MavMessage, dialect
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.memory_bus import UDP_DELAY
 from jezero.runtime.service import Inbox, Output, Send, Spec
 from jezero.schemas import topics
@@ -14,7 +15,6 @@ from jezero.schemas.goals import TakeoffGoal
 from jezero.schemas.state import StatusCode as Code
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.service import VehicleBridge
-from jezero.vehicle_config import VehicleConfig
 from tests.scenario.rig import Flight, go_to, land_at
 
 POSITION, HOLD, LAND, OFFBOARD = (3.0, 0.0), (4.0, 3.0), (4.0, 6.0), (6.0, 0.0)

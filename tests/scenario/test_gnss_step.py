@@ -4,8 +4,8 @@ from math import degrees
 
 import pytest
 
-from jezero.frames import EARTH_RADIUS_M, horizontal, subtract
-from jezero.mavlink import MavMessage, dialect
+from jezero.base.frames import EARTH_RADIUS_M, horizontal, subtract
+from jezero.base.mavlink import MavMessage, dialect
 from jezero.schemas import topics
 from tests.scenario.rig import Flight, go_to, land_at
 

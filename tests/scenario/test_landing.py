@@ -5,7 +5,8 @@ from math import degrees
 
 import pytest
 
-from jezero.frames import tilt_from_quat
+from jezero.base.frames import tilt_from_quat
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.schemas import topics
 from jezero.schemas.goals import LandOnSpotGoal
 from jezero.services.simulator.config import RoverConfig, SimulatorConfig, TerrainConfig
@@ -14,7 +15,6 @@ from jezero.trials.landing.flight import fly_landing
 from jezero.trials.landing.trial import Conditions
 from jezero.trials.platform import off_platform_reason
 from jezero.trials.stack import build_stack
-from jezero.vehicle_config import VehicleConfig
 from tests.scenario.rig import Flight
 
 

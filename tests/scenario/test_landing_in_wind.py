@@ -5,8 +5,8 @@ from math import degrees
 import pytest
 from msgspec.structs import replace
 
-from jezero.frames import horizontal, subtract, tilt_from_quat
-from jezero.runtime.config import load_config
+from jezero.base.config import load_config
+from jezero.base.frames import horizontal, subtract, tilt_from_quat
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.runtime.service import Service
 from jezero.schemas import topics

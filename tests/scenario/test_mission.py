@@ -2,7 +2,7 @@
 
 import pytest
 
-from jezero.frames import horizontal, norm, subtract
+from jezero.base.frames import horizontal, norm, subtract
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted
 from jezero.schemas.commands import Abort, Hover, Kill

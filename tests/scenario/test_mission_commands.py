@@ -5,14 +5,14 @@ from typing import Any
 import msgspec
 import pytest
 
-from jezero.frames import Vec3
+from jezero.base.frames import Vec3
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.schemas import topics
 from jezero.schemas.mission import GoalStep, Mission, MissionCommand, MissionProgress, MissionReply
 from jezero.schemas.state import Status, StatusCode
 from jezero.trials.campaign.worlds import POINT_MASS
 from jezero.trials.stack import mission_maker
-from jezero.vehicle_config import VehicleConfig
 from tests.scenario.mission_rig import TAKEOFF, go
 
 

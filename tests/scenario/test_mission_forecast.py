@@ -10,11 +10,12 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from jezero.frames import distance
+from jezero.base.config import load_config
+from jezero.base.frames import distance
+from jezero.base.plugins import all_actions
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.mission_files import plan_mission, shipped_mission
 from jezero.mission_files.planning import Start
-from jezero.plugins import all_actions
-from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.schemas import topics
 from jezero.schemas.mission import GoalStep, Mission, WaitStep
@@ -22,7 +23,6 @@ from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.config import SimulatorConfig, WindConfig
 from jezero.trials.planning import VirtualPlanner
 from jezero.trials.stack import BlankCamera, build_stack
-from jezero.vehicle_config import VehicleConfig
 from tests.scenario.mission_rig import MissionFlight
 
 WIND_MPS = 5.0

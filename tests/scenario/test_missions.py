@@ -6,8 +6,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from jezero.frames import norm, subtract
-from jezero.runtime.config import load_config
+from jezero.base.config import load_config
+from jezero.base.frames import norm, subtract
 from jezero.schemas import topics
 from jezero.schemas.commands import Abort
 from jezero.schemas.goals import AreaCoverageGoal

@@ -5,12 +5,7 @@ from math import hypot, radians
 
 import pytest
 
-from jezero.schemas import topics
-from jezero.schemas.commands import Hover
-from jezero.schemas.goals import LandOnSpotGoal
-from jezero.trials.platform import off_platform_reason, on_platform_m
-from jezero.trials.stack import build_stack
-from jezero.vehicle_config import (
+from jezero.base.vehicle_config import (
     AirframeConfig,
     BatteryConfig,
     CameraMountConfig,
@@ -19,6 +14,11 @@ from jezero.vehicle_config import (
     VehicleConfig,
     VehicleLimitsConfig,
 )
+from jezero.schemas import topics
+from jezero.schemas.commands import Hover
+from jezero.schemas.goals import LandOnSpotGoal
+from jezero.trials.platform import off_platform_reason, on_platform_m
+from jezero.trials.stack import build_stack
 from tests.scenario.rig import Flight, go_to
 
 OTHER = VehicleConfig(

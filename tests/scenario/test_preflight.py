@@ -2,7 +2,7 @@
 
 from msgspec.structs import replace
 
-from jezero.codec import decode, encode
+from jezero.base.codec import decode, encode
 from jezero.schemas import topics
 from jezero.schemas.goals import TakeoffGoal
 from jezero.schemas.preflight import GetPreflight

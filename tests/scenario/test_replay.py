@@ -5,9 +5,9 @@ from shutil import copytree
 
 import pytest
 
+from jezero.base.config import config_directory
 from jezero.recording.journals import journaled_services
 from jezero.replay.through import Replay, replay_through
-from jezero.runtime.config import config_directory
 from jezero.schemas import topics
 from jezero.schemas.goals import AreaCoverageGoal, GetImagesGoal, LandOnSpotGoal, TakeoffGoal
 from jezero.trials.campaign.mission import Mission

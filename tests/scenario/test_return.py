@@ -2,7 +2,7 @@
 
 import pytest
 
-from jezero.frames import distance, horizontal, subtract
+from jezero.base.frames import distance, horizontal, subtract
 from jezero.schemas import topics
 from jezero.schemas.fence import Fence, SetFence, Zone
 from jezero.schemas.goals import ReturnHomeGoal

@@ -11,8 +11,8 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 
-from jezero.frames import Vec3, horizontal, subtract
-from jezero.runtime.config import load_config
+from jezero.base.config import load_config
+from jezero.base.frames import Vec3, horizontal, subtract
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.schemas import topics
 from jezero.schemas.actions import FeedbackMessage

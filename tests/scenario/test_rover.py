@@ -5,8 +5,8 @@ from math import hypot
 
 import pytest
 
-from jezero.frames import subtract, wrap_pi
-from jezero.runtime.config import load_config
+from jezero.base.config import load_config
+from jezero.base.frames import subtract, wrap_pi
 from jezero.schemas import topics
 from jezero.schemas.goals import TakeoffGoal
 from jezero.schemas.state import StatusCode

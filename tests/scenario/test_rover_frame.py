@@ -4,7 +4,7 @@ from math import hypot
 
 import pytest
 
-from jezero.frames import subtract
+from jezero.base.frames import subtract
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted
 from jezero.schemas.state import StatusCode

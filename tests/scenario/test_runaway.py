@@ -4,7 +4,7 @@ from math import hypot, radians
 
 import pytest
 
-from jezero.frames import horizontal
+from jezero.base.frames import horizontal
 from jezero.runtime.service import Service
 from jezero.schemas import topics
 from jezero.schemas.state import StatusCode

@@ -6,8 +6,8 @@ from random import Random
 
 import msgspec
 
-from jezero.mavlink import MavlinkCodec, Signing, dialect
-from jezero.runtime.config import load_config
+from jezero.base.config import load_config
+from jezero.base.mavlink import MavlinkCodec, Signing, dialect
 from jezero.runtime.memory_bus import UDP_DELAY
 from jezero.runtime.service import Inbox, Output, Send, Spec
 from jezero.schemas import topics

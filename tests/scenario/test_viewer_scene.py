@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from jezero.frames import distance, enu_from_ned
+from jezero.base.frames import distance, enu_from_ned
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.recording.viewer_scene import LOCATION, SCENE, TRANSFORMS
 from jezero.recording.writer import RECORDING
 from jezero.trials.flight import fly_virtually
 from jezero.trials.missions import FLIGHT
-from jezero.vehicle_config import VehicleConfig
 from tests.recording.frames_of_viewers import in_map
 
 STAND_M = np.array((0.0, 0.0, VehicleConfig().airframe.height_stand_m))

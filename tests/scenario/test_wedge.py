@@ -5,8 +5,8 @@ from math import degrees
 import pytest
 from msgspec.structs import replace
 
-from jezero.frames import altitude_m, tilt_from_quat
-from jezero.runtime.config import load_config
+from jezero.base.config import load_config
+from jezero.base.frames import altitude_m, tilt_from_quat
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.schemas import topics
 from jezero.schemas.goals import TakeoffGoal

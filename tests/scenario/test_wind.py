@@ -5,14 +5,14 @@ from math import hypot
 import pytest
 from msgspec.structs import replace
 
-from jezero.runtime.config import load_config
+from jezero.base.config import load_config
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.schemas import topics
 from jezero.schemas.goals import GetImagesGoal, TakeoffGoal
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.config import SimulatorConfig, WindConfig
 from jezero.trials.stack import BlankCamera, build_stack
-from jezero.vehicle_config import VehicleConfig
 from tests.scenario.rig import Flight, go_to
 
 LIMIT_S = 20.0

@@ -1,7 +1,7 @@
 """The barometer is 9 m wrong for good: the autopilot believes it after some seconds, and the ground comes too early."""
 
-from jezero.frames import altitude_m
-from jezero.mavlink import MavMessage, dialect
+from jezero.base.frames import altitude_m
+from jezero.base.mavlink import MavMessage, dialect
 from jezero.schemas import topics
 from jezero.schemas.state import StatusCode
 from tests.scenario.rig import Flight, go_to

@@ -10,10 +10,11 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 
-from jezero.codec import decode, encode
-from jezero.frames import subtract
-from jezero.mavlink import MavMessage
-from jezero.runtime.config import load_config
+from jezero.base.codec import decode, encode
+from jezero.base.config import load_config
+from jezero.base.frames import subtract
+from jezero.base.mavlink import MavMessage
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.schemas import topics
 from jezero.schemas.goals import LandOnSpotGoal, TakeoffGoal
@@ -21,7 +22,6 @@ from jezero.schemas.health import ServiceHealth
 from jezero.schemas.preflight import PreflightReport
 from jezero.schemas.sensors import Altimeter, CameraInfo, Magnetometer, Uwb
 from jezero.trials.stack import boot_id, service_makers, wired_bus
-from jezero.vehicle_config import VehicleConfig
 from tests.scenario.rig import Flight, TamperedSimulator, go_to
 
 Tamper = Callable[[str, bytes], bytes]

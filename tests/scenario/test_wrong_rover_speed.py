@@ -9,8 +9,8 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 
-from jezero.codec import decode, encode
-from jezero.frames import subtract
+from jezero.base.codec import decode, encode
+from jezero.base.frames import subtract
 from jezero.schemas import topics
 from jezero.schemas.goals import LandOnSpotGoal
 from jezero.schemas.health import ServiceHealth

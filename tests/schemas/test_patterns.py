@@ -10,7 +10,7 @@ from msgspec import Meta, inspect
 
 from jezero.cli.reference.settings import FILES
 from jezero.cli.reference.topics import all_topics
-from jezero.runtime.config import Instance
+from jezero.runtime.instance import Instance
 from jezero.schemas.struct import Name
 from jezero.schemas.topics import ENDPOINTS
 

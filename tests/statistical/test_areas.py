@@ -4,7 +4,7 @@ import pytest
 import shapely
 from shapely.geometry import Polygon
 
-from jezero.frames import Vec3, geodetic_from_ned, ned_from_geodetic
+from jezero.base.frames import Vec3, geodetic_from_ned, ned_from_geodetic
 from jezero.schemas.goals import AreaCoverageGoal
 from jezero.services.actions.area_coverage.area import AreaError, Point
 from jezero.services.actions.area_coverage.coverage_plan import plan_coverage

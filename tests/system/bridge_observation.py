@@ -11,8 +11,9 @@ import yaml
 
 from benchmarks.speed.mavlink_proxy import Passed, Relay
 from jezero import Vehicle
-from jezero.mavlink import MavlinkCodec, dialect
-from jezero.runtime.config import Instance, config_directory
+from jezero.base.config import config_directory
+from jezero.base.mavlink import MavlinkCodec, dialect
+from jezero.runtime.instance import Instance
 from jezero.schemas.state import Status, StatusCode
 
 HOST = "127.0.0.1"

@@ -16,8 +16,7 @@ import pytest
 
 from jezero import Unreachable, Vehicle
 from jezero.deploy.launcher.ports import instance_environment, reserved_instance, service_environment
-from jezero.runtime.bus_address import socket_of
-from jezero.runtime.config import Instance
+from jezero.runtime.instance import Instance, socket_of
 from jezero.schemas.state import Status
 from tests.keys.rig import free_port
 from tests.system.bridge_observation import Tap

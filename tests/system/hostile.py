@@ -14,7 +14,8 @@ from typing import Any
 
 import zenoh
 
-from jezero.codec import encode
+from jezero.base.codec import encode
+from jezero.base.zenoh_client import client_config
 from jezero.schemas import topics
 from jezero.schemas.actions import Cancel, Modify, Pause
 from jezero.schemas.commands import Abort, Acquire, Hover, Kill, RoverCommand
@@ -24,7 +25,6 @@ from jezero.schemas.goals import GoToGoal, LandOnSpotGoal, TakeoffGoal
 from jezero.schemas.mission import MissionCommand
 from jezero.schemas.rows import Endpoint
 from jezero.schemas.struct import Payload
-from jezero.zenoh_client import client_config
 
 TIMEOUT_S = 5.0
 PERIOD_S = 0.01

@@ -11,11 +11,13 @@ import numpy as np
 import zenoh
 from PIL import Image
 
-from jezero.codec import decode, encode
+from jezero.base.codec import decode, encode
+from jezero.base.config import load_config
+from jezero.base.frames import quat_from_euler
+from jezero.base.vehicle_config import VehicleConfig
+from jezero.base.zenoh_client import client_config, data_of
 from jezero.deploy.launcher.ports import instance_environment, reserved_instance, service_environment
-from jezero.frames import quat_from_euler
-from jezero.runtime.bus_address import socket_of
-from jezero.runtime.config import load_config
+from jezero.runtime.instance import socket_of
 from jezero.schemas import topics
 from jezero.schemas.sensors import CameraFrame, CameraPreview
 from jezero.schemas.state import Clock, Scene
@@ -23,8 +25,6 @@ from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.making import make_renderer
 from jezero.services.simulator.camera.view import view_of
 from jezero.services.simulator.config import SimulatorConfig
-from jezero.vehicle_config import VehicleConfig
-from jezero.zenoh_client import client_config, data_of
 from tests.system.conftest import wait_for
 
 STILL = (0.0, 0.0, 0.0)

@@ -16,13 +16,13 @@ import yaml
 import zenoh
 
 from jezero import Aborted, Refused, Unreachable
-from jezero.codec import decode, encode
-from jezero.runtime.config import config_directory
+from jezero.base.codec import decode, encode
+from jezero.base.config import config_directory
+from jezero.base.zenoh_client import client_config
 from jezero.schemas import topics
 from jezero.schemas.commands import Acquire, Phase, Setpoint
 from jezero.schemas.rows import Topic
 from jezero.schemas.state import StatusCode
-from jezero.zenoh_client import client_config
 from tests.system.conftest import Stack, wait_for, wait_for_status
 
 DISARM_WITHIN_S = 30.0

@@ -20,10 +20,10 @@ import yaml
 import zenoh
 
 from jezero import Aborted, Vehicle
-from jezero.runtime.config import config_directory
+from jezero.base.config import config_directory
+from jezero.base.zenoh_client import client_config
 from jezero.schemas import topics
 from jezero.schemas.state import StatusCode
-from jezero.zenoh_client import client_config
 from tests.system.conftest import ProcessorWait, Stack, has_status, new_stack, wait_for, wait_for_status
 
 DETECTED_WITHIN_S = 2.0

@@ -17,13 +17,13 @@ import zenoh
 
 from benchmarks.speed.flooder import FLOODS
 from jezero import JezeroError, Vehicle
-from jezero.codec import decode
+from jezero.base.codec import decode
+from jezero.base.zenoh_client import client_config
 from jezero.keys.bundle import secured
 from jezero.keys.team import Team
 from jezero.schemas import topics
 from jezero.schemas.sensors import RoverOdometry
 from jezero.schemas.state import Odometry, Status, StatusCode
-from jezero.zenoh_client import client_config
 from tests.keys.rig import add_at, make_team
 from tests.system.conftest import ProcessorWait, Stack, has_status, stack_with_keys, wait_for
 from tests.system.relay import Relay

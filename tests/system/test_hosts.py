@@ -16,8 +16,9 @@ from typing import Any
 
 import pytest
 
+from jezero.base.config import config_directory
 from jezero.keys.team import Team
-from jezero.runtime.config import Instance, config_directory
+from jezero.runtime.instance import Instance
 from tests.system.conftest import Stack, wait_for
 from tests.system.radio import CABLE, Network, Radio, missing
 
@@ -192,7 +193,7 @@ def test_the_vehicles_router_names_the_members_that_are_connected(hosts: Hosts) 
 
 def test_the_camera_and_setpoints_do_not_cross_the_radio(hosts: Hosts) -> None:
     program = (
-        "import time, zenoh\nfrom jezero.zenoh_client import client_config\n"
+        "import time, zenoh\nfrom jezero.base.zenoh_client import client_config\n"
         "session, heard = zenoh.open(client_config('tcp/127.0.0.1:7447', 5)), set()\n"
         "s = session.declare_subscriber('jezero/uav1/**', lambda each: heard.add(str(each.key_expr)))\n"
         "time.sleep(4)\nprint(*heard)\nsession.close()"
@@ -238,7 +239,7 @@ def test_a_mavlink_ground_station_on_the_ground_needs_the_teams_signature(hosts:
 
 WATCH = """
 import json, sys, time, zenoh
-from jezero.zenoh_client import client_config
+from jezero.base.zenoh_client import client_config
 session, phases = zenoh.open(client_config("tcp/127.0.0.1:7447", 5)), [""]
 def on_feedback(sample):
     phase = json.loads(sample.payload.to_bytes())["feedback"]["phase"]
@@ -253,7 +254,7 @@ session.close()
 
 TRUTH = """
 import zenoh
-from jezero.zenoh_client import client_config
+from jezero.base.zenoh_client import client_config
 with zenoh.open(client_config("tcp/127.0.0.1:7447", 5)) as session:
     print(session.declare_subscriber("jezero/uav1/truth").recv().payload.to_string())
 """

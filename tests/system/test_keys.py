@@ -10,11 +10,11 @@ import pytest
 import zenoh
 
 from jezero import Refused, Unreachable, Vehicle
+from jezero.base.zenoh_client import client_config, config_of
 from jezero.keys.bundle import secured
 from jezero.keys.team import Team
 from jezero.runtime.routing import ROUTER_SETTINGS
 from jezero.schemas.topics import EVERY_LINK, ROVER_COMMAND, STATUS, key
-from jezero.zenoh_client import client_config, config_of
 from tests.keys.rig import make_team
 from tests.runtime.computers import Computer
 from tests.system.conftest import ProcessorWait, Stack, stack_with_keys, wait_for

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from jezero.mavlink import MavlinkCodec, dialect
-from jezero.runtime.config import Instance
+from jezero.base.mavlink import MavlinkCodec, dialect
+from jezero.runtime.instance import Instance
 from jezero.schemas.state import StatusCode
 from tests.system.bridge_observation import HOST
 from tests.system.conftest import Stack, wait_for, wait_for_status

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from jezero import Vehicle
-from jezero.frames import altitude_m
+from jezero.base.frames import altitude_m
 from jezero.schemas.state import StatusCode
 from tests.system.bridge_observation import Tap, assert_bridge_silent, recorded_statuses
 from tests.system.conftest import Stack, wait_for, wait_for_status

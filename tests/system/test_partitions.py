@@ -18,15 +18,15 @@ import yaml
 import zenoh
 
 from jezero import JezeroError, Vehicle
-from jezero.codec import encode
-from jezero.runtime.bus_address import PREFIX
-from jezero.runtime.config import config_directory
+from jezero.base.codec import encode
+from jezero.base.config import config_directory
+from jezero.base.zenoh_client import client_config
+from jezero.runtime.instance import PREFIX
 from jezero.schemas import topics
 from jezero.schemas.commands import Abort, Acquire, Hover
 from jezero.schemas.goals import GoToGoal
 from jezero.schemas.state import StatusCode
 from jezero.schemas.struct import Payload
-from jezero.zenoh_client import client_config
 from tests.system.conftest import Stack, new_stack, wait_for, wait_for_status
 from tests.system.relay import Relay
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from jezero.mavlink import MavlinkCodec, dialect
-from jezero.runtime.config import Instance
+from jezero.base.mavlink import MavlinkCodec, dialect
+from jezero.runtime.instance import Instance
 from tests.system.conftest import Stack, wait_for
 
 TIMEOUT_S = 60.0

@@ -17,7 +17,7 @@ from pymavlink import mavutil
 
 from benchmarks.px4.process import real_px4
 from jezero import Aborted
-from jezero.runtime.config import config_directory
+from jezero.base.config import config_directory
 from jezero.schemas.state import StatusCode
 from jezero.services.vehicle_bridge.fence import AUTOPILOT_MARGIN_M
 from jezero.trials.landing.flight import fly_landing

@@ -18,9 +18,9 @@ import pytest
 import zenoh
 
 from jezero import Vehicle
+from jezero.base.zenoh_client import client_config
 from jezero.schemas import topics
 from jezero.schemas.state import StatusCode
-from jezero.zenoh_client import client_config
 from tests.system.conftest import Stack, wait_for, wait_for_status
 
 TIMEOUT_S = 60.0

@@ -15,15 +15,15 @@ import numpy.typing as npt
 import pytest
 from mcap.reader import make_reader
 
+from jezero.base.config import config_directory
+from jezero.base.frames import distance
 from jezero.deploy.launcher.ports import service_environment
-from jezero.frames import distance
 from jezero.recording import open_recording
 from jezero.recording.folder import newest_recording
 from jezero.recording.images import decompress
 from jezero.recording.journals import journaled_services
 from jezero.recording.viewer_scene import CALIBRATION, MESSAGES, TRANSFORMS
 from jezero.replay.through import replay_through
-from jezero.runtime.config import config_directory
 from jezero.schemas import topics
 from jezero.schemas.landing_board import BIG_ID
 from jezero.schemas.sensors import CameraFrame

@@ -19,7 +19,8 @@ import pytest
 import zenoh
 
 from jezero import Vehicle
-from jezero.codec import decode, encode
+from jezero.base.codec import decode, encode
+from jezero.base.zenoh_client import client_config, data_of
 from jezero.deploy.launcher.health import router_is_up
 from jezero.deploy.launcher.ports import instance_environment, reserved_instance
 from jezero.recording import open_recording
@@ -27,15 +28,13 @@ from jezero.recording.images import ImageFormat
 from jezero.recording.mcap_file import McapFile
 from jezero.recording.writer import RecordingWriter
 from jezero.replay.player import is_published
-from jezero.runtime.bus_address import socket_of
-from jezero.runtime.config import Instance
+from jezero.runtime.instance import Instance, socket_of
 from jezero.schemas import topics
 from jezero.schemas.goals import TakeoffGoal
 from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.state import StatusCode
 from jezero.schemas.topics import key, liveliness_key
 from jezero.trials.flight import fly_virtually
-from jezero.zenoh_client import client_config, data_of
 from tests.client.rig import a_status
 from tests.recording.foxglove_client import FoxgloveClient
 from tests.system.conftest import JEZERO, wait_for

@@ -11,11 +11,11 @@ from contextlib import contextmanager
 import pytest
 import zenoh
 
-from jezero.codec import decode
+from jezero.base.codec import decode
+from jezero.base.zenoh_client import client_config, data_of
 from jezero.schemas import topics
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.sensors import RoverOdometry
-from jezero.zenoh_client import client_config, data_of
 from tests.system.conftest import Stack, wait_for
 
 TIMEOUT_S = 20.0

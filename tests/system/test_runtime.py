@@ -16,16 +16,15 @@ import pytest
 import zenoh
 from msgspec.structs import replace
 
-from jezero.codec import encode
+from jezero.base.codec import encode
+from jezero.base.zenoh_client import client_config
 from jezero.deploy.launcher.ports import instance_environment, reserved_instance, service_environment
-from jezero.runtime.bus_address import socket_of
-from jezero.runtime.config import Instance
+from jezero.runtime.instance import Instance, socket_of
 from jezero.runtime.links import TcpClient, TcpServer, Udp
 from jezero.runtime.service import Spec
 from jezero.runtime.zenoh_bus import BusSession
 from jezero.schemas import topics
 from jezero.schemas.sensors import CameraFrame
-from jezero.zenoh_client import client_config
 from tests.system.conftest import wait_for
 
 TOYS = Path(__file__).with_name("toy_services.py")

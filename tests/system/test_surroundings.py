@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from jezero.deploy.launcher.ports import instance_environment, reserved_instance
-from jezero.runtime.config import Instance
+from jezero.runtime.instance import Instance
 from jezero.schemas.images import LISTING
 from tests.system.conftest import JEZERO, Stack, wait_for
 

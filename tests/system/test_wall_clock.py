@@ -14,9 +14,9 @@ from typing import Any
 import pytest
 import zenoh
 
+from jezero.base.zenoh_client import client_config
 from jezero.schemas import topics
 from jezero.schemas.state import StatusCode
-from jezero.zenoh_client import client_config
 from tests.system.conftest import Stack, new_stack
 
 HOUR_S = 3600

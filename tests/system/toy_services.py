@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterable
 from functools import partial
 
-from jezero.runtime.config import instance_from_environment
+from jezero.runtime.instance import instance_from_environment
 from jezero.runtime.process import new_boot_id, run_service
 from jezero.runtime.service import BackgroundTask, Inbox, Output, Publish, Reply, Service, Spec
 from jezero.schemas import topics

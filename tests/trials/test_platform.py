@@ -5,7 +5,7 @@ from math import cos, radians, sin
 import msgspec
 import pytest
 
-from jezero.frames import quat_from_euler
+from jezero.base.frames import quat_from_euler
 from jezero.trials.platform import off_platform_reason, on_platform_m
 from tests.trials.landing.test_judge import truth
 

@@ -6,9 +6,9 @@ from typing import Any, NamedTuple, get_origin
 
 import msgspec
 
+from jezero.base.plugins import all_actions
 from jezero.cli.reference.topics import Row
 from jezero.cli.reference.words import Field, description_of, escape, fields_of, summary_of, table
-from jezero.plugins import all_actions
 from jezero.schemas import actions, goals
 from jezero.schemas.rows import Action
 from jezero.schemas.topics import ACTIONS

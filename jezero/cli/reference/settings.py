@@ -8,8 +8,10 @@ from typing import Any, NamedTuple
 import msgspec
 
 from jezero import deploy
+from jezero.base.config import Config, load_config
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.cli.reference.words import Field, description_of, escape, fields_of, json_words, summary_of, table
-from jezero.runtime.config import Config, Instance, load_config
+from jezero.runtime.instance import Instance
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.estimator.config import EstimatorConfig
@@ -20,7 +22,6 @@ from jezero.services.recorder.config import RecorderConfig
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
-from jezero.vehicle_config import VehicleConfig
 
 FILES: dict[str, tuple[type[Config], str]] = {
     "vehicle": (

@@ -2,8 +2,8 @@
 
 from typing import Any
 
+from jezero.base.plugins import action_names, all_actions, find_action, plugin_names
 from jezero.cli.reference.words import table
-from jezero.plugins import action_names, all_actions, find_action, plugin_names
 from jezero.runtime.service import Spec
 from jezero.schemas.rows import Endpoint, Topic
 from jezero.schemas.topics import ENDPOINTS, TOPICS, feedback_of

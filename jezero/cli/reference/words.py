@@ -10,7 +10,7 @@ from typing import Any, get_origin
 import msgspec
 from msgspec import inspect as types
 
-from jezero.plugins import action_names
+from jezero.base.plugins import action_names
 
 BOUND_MAX = {types.FloatType: 1e4, types.IntType: 1e6}
 """Bounds from here on only keep out garbage such as infinity, so that no page shows them."""

@@ -9,8 +9,8 @@ from typing import Any
 
 import msgspec
 
-from jezero.codec import BadPayloadError, decode
-from jezero.plugins import all_actions
+from jezero.base.codec import BadPayloadError, decode
+from jezero.base.plugins import all_actions
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.schemas import topics
 from jezero.schemas.actions import (

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import msgspec
 from msgspec.structs import replace
 
-from jezero.mavlink import MavlinkCodec, MavMessage, dialect
-from jezero.plugins import action_names
+from jezero.base.mavlink import MavlinkCodec, MavMessage, dialect
+from jezero.base.plugins import action_names
 from jezero.runtime.memory_bus import REPLY, MemoryBus
 from jezero.runtime.service import Inbox, Output, Publish, Send, Service
 from jezero.schemas import sensors as messages

@@ -24,9 +24,9 @@ from typing import Any
 from msgspec.structs import replace
 from shapely import Point, Polygon
 
-from jezero.codec import decode
-from jezero.frames import Vec3, add, altitude_m, scale, subtract
-from jezero.plugins import action_names
+from jezero.base.codec import decode
+from jezero.base.frames import Vec3, add, altitude_m, scale, subtract
+from jezero.base.plugins import action_names
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.runtime.service import Inbox, Output, Service
 from jezero.schemas import topics

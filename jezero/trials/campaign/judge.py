@@ -9,7 +9,7 @@ from math import cos, degrees, radians
 
 import msgspec
 
-from jezero.frames import norm, tilt_from_quat
+from jezero.base.frames import norm, tilt_from_quat
 from jezero.schemas import topics
 from jezero.schemas.state import StatusCode as Code
 from jezero.schemas.state import Truth

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from math import dist
 from typing import Any
 
-from jezero.frames import norm
-from jezero.plugins import find_action
+from jezero.base.frames import norm
+from jezero.base.plugins import find_action
 from jezero.runtime.service import Inbox, Output, Publish, Reply, Service
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, Modify, ModifyReply, PauseReply, Rejected, Result, ResumeReply

@@ -9,8 +9,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import dist, hypot, isfinite
 
-from jezero.frames import Vec3, add, altitude_m, horizontal, subtract
-from jezero.mavlink import MavlinkCodec, MavMessage, dialect
+from jezero.base.frames import Vec3, add, altitude_m, horizontal, subtract
+from jezero.base.mavlink import MavlinkCodec, MavMessage, dialect
+from jezero.base.vehicle_config import VehicleLimitsConfig
 from jezero.runtime.service import Inbox, Output, Publish, Reply, Send, Service
 from jezero.schemas import topics
 from jezero.schemas.commands import AcquireReply, Setpoint
@@ -22,7 +23,6 @@ from jezero.schemas.units import NS_PER_S
 from jezero.services.autopilot.service import HIL, OFFBOARD
 from jezero.trials.campaign.fence import FenceShape
 from jezero.trials.campaign.judge import ALLOWED, IN_PROGRESS, Judge
-from jezero.vehicle_config import VehicleLimitsConfig
 
 AGE_MAX_S = 0.3
 LEAD_MAX_S = 0.05

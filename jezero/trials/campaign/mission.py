@@ -9,9 +9,10 @@ from random import Random
 
 import msgspec
 
-from jezero.plugins import action_names
+from jezero.base.config import load_config
+from jezero.base.plugins import action_names
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.recording.writer import RECORDING
-from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import Observer
 from jezero.runtime.service import Service
 from jezero.schemas import topics
@@ -39,7 +40,6 @@ from jezero.trials.campaign.missions import ENDS, MISSION_PROBABILITY, MissionCl
 from jezero.trials.campaign.worlds import PHYSICS, WORLDS, FaultySensors, World
 from jezero.trials.recording import MessageDigest, virtual_recording
 from jezero.trials.stack import mission_maker
-from jezero.vehicle_config import VehicleConfig
 
 MISSION = "mission"
 READY_TIMEOUT_S = 20.0

@@ -10,7 +10,7 @@ from typing import Any
 
 import msgspec
 
-from jezero.plugins import all_actions
+from jezero.base.plugins import all_actions
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.runtime.service import Call, Inbox, Output, Publish, Reply, Request, Service
 from jezero.schemas import topics

@@ -12,7 +12,7 @@ from math import atan2, cos, hypot, sin, sqrt
 from random import Random
 from typing import Any
 
-from jezero.frames import (
+from jezero.base.frames import (
     Quat,
     Vec3,
     add,
@@ -25,6 +25,7 @@ from jezero.frames import (
     wrap_pi,
     z_ned_m,
 )
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.service import Health, Inbox, Output, Publish, Spec
 from jezero.schemas import topics
 from jezero.schemas.sensors import Altimeter
@@ -45,7 +46,6 @@ from jezero.services.autopilot.vehicle import Vehicle
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.schedule import Schedule
 from jezero.trials.campaign.faults import AUTOPILOT, HIL, MAVLINK, SENSOR_KINDS, SIMULATOR, Fault, SensorFault
-from jezero.vehicle_config import VehicleConfig
 
 LAG_S = 0.1
 """Time constant of the acceleration behind its setpoint; tilting takes as long."""

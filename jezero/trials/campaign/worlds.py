@@ -8,8 +8,9 @@ from typing import Any, Protocol
 
 import msgspec
 
-from jezero.plugins import action_names
-from jezero.runtime.config import load_config
+from jezero.base.config import load_config
+from jezero.base.plugins import action_names
+from jezero.base.vehicle_config import AirframeConfig, VehicleConfig
 from jezero.runtime.memory_bus import UDP_DELAY, MemoryBus
 from jezero.runtime.service import Service
 from jezero.services.actions.config import load_actions_config
@@ -21,7 +22,6 @@ from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.trials.campaign.faults import AUTOPILOT, BRIDGE, SIMULATOR, Fault, FaultySimulator, SensorFault
 from jezero.trials.campaign.point_mass import NAME, FaultyPointMass, PointMass, point_mass_fault
 from jezero.trials.stack import BLANK_CAMERA, SYSTEM_ID, BlankCamera, bridge_maker, service_makers, wired_bus
-from jezero.vehicle_config import AirframeConfig, VehicleConfig
 
 TELEMETRY_INTERVAL_S = 0.1
 BRIDGE_HZ, SERVERS_HZ = 20.0, 5.0

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import msgspec
 
-from jezero.frames import altitude_m
+from jezero.base.config import ConfigError, load_config
+from jezero.base.frames import altitude_m
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.recording.writer import RECORDING, RecordingWriter
-from jezero.runtime.config import ConfigError, load_config
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.runtime.service import Inbox, Output, Publish, Service
 from jezero.schemas import topics
@@ -30,7 +31,6 @@ from jezero.trials.landing.trial import (
 from jezero.trials.platform import off_platform_reason, offset_m, on_platform_m, tipped_over_reason
 from jezero.trials.recording import virtual_recording
 from jezero.trials.stack import SYSTEM_ID, RoverDriver, boot_id, service_makers, wired_bus
-from jezero.vehicle_config import VehicleConfig
 
 READY_TIMEOUT_S = 60.0
 GOAL_TIMEOUT_S = 240.0

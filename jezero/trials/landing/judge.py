@@ -5,7 +5,7 @@ from math import hypot, inf, sqrt
 import msgspec
 import numpy as np
 
-from jezero.frames import Vec3, add, scale, subtract
+from jezero.base.frames import Vec3, add, scale, subtract
 from jezero.schemas import topics
 from jezero.schemas.actions import FeedbackMessage
 from jezero.schemas.estimate import Relative

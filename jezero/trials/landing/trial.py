@@ -8,7 +8,7 @@ from zlib import crc32
 import msgspec
 from msgspec import Meta
 
-from jezero.frames import Vec3
+from jezero.base.frames import Vec3
 from jezero.schemas.goals import LandOnSpotGoal
 
 CaseName = Literal["uwb+tag", "uwb", "tag", "none"]

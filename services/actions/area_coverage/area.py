@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from shapely.geometry import LineString, MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from jezero.frames import geodetic_from_ned
+from jezero.base.frames import geodetic_from_ned
 
 Point = tuple[float, float]
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from jezero.frames import Vec3, add, altitude_m, subtract, wrap_pi
+from jezero.base.frames import Vec3, add, altitude_m, subtract, wrap_pi
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import AreaCoverageGoal, Corners, CoverageResult, ImagesFeedback
 from jezero.schemas.images import Image

@@ -8,7 +8,8 @@ import numpy as np
 from shapely.affinity import translate
 from shapely.geometry import Polygon
 
-from jezero.frames import Vec3, add, altitude_m
+from jezero.base.frames import Vec3, add, altitude_m
+from jezero.base.vehicle_config import CameraMountConfig, VehicleConfig
 from jezero.schemas.goals import AreaCoverageGoal
 from jezero.services.actions.area_coverage.area import (
     AreaError,
@@ -24,7 +25,6 @@ from jezero.services.actions.area_coverage.path import covered_fraction, distanc
 from jezero.services.actions.area_coverage.trajectory import Trajectory, make_trajectory, picture_distances, turn_cuts
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.motion.limits import beyond_limits, low_refusal, speed_refusal
-from jezero.vehicle_config import CameraMountConfig, VehicleConfig
 
 CUTS = (0.5, 0.25, 0.1)
 """Distances before a corner at which its turn begins, in line distances: wide turns are faster, narrow ones leave out

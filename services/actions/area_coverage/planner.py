@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import msgspec
 from msgspec.structs import replace
 
-from jezero.frames import Vec3, ned_from_geodetic, subtract
+from jezero.base.frames import Vec3, ned_from_geodetic, subtract
 from jezero.schemas.actions import PlannedCoverage
 from jezero.schemas.goals import AreaCoverageGoal, ImagesFeedback
 from jezero.schemas.state import Status

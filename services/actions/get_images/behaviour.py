@@ -10,7 +10,7 @@ from itertools import pairwise
 from math import atan2, copysign, cos, hypot, pi, sin
 from typing import NamedTuple
 
-from jezero.frames import Quat, Vec3, add, quat_conjugate, quat_rotate, scale, subtract, wrap_pi
+from jezero.base.frames import Quat, Vec3, add, quat_conjugate, quat_rotate, scale, subtract, wrap_pi
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import GetImagesGoal, ImagesFeedback, ImagesResult
 from jezero.services.actions.config import ActionsConfig

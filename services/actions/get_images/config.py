@@ -1,6 +1,6 @@
 """Settings of the action `get_images`."""
 
-from jezero.runtime.config import Config
+from jezero.base.config import Config
 from jezero.services.actions.motion.config import Positive
 
 

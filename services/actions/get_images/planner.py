@@ -3,7 +3,8 @@
 from functools import partial
 from math import hypot, sqrt
 
-from jezero.frames import Vec3, add
+from jezero.base.frames import Vec3, add
+from jezero.base.vehicle_config import VehicleLimitsConfig
 from jezero.schemas.goals import GetImagesGoal
 from jezero.schemas.state import Status
 from jezero.schemas.topics import GET_IMAGES, RELATIVE
@@ -15,7 +16,6 @@ from jezero.services.actions.motion.behaviour import Plan, Refusal, VehicleState
 from jezero.services.actions.motion.capture import Capture
 from jezero.services.actions.motion.limits import beyond_limits, distance_refusal, point_refusal, speed_refusal
 from jezero.services.actions.motion.rover_frame import loss_reason, rover_position
-from jezero.vehicle_config import VehicleLimitsConfig
 
 IMAGES_MAX = 255
 EXPOSURES_PER_PICTURE = 2.0

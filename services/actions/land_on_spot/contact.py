@@ -8,13 +8,13 @@ from collections import deque
 from math import degrees, exp, hypot, sqrt
 from typing import Literal, NamedTuple
 
-from jezero.frames import Quat, Vec3, quat_conjugate, quat_rotate, tilt_from_quat
+from jezero.base.detectors import SLOPE_SINE_MAX, is_tilted_by_contact
+from jezero.base.frames import Quat, Vec3, quat_conjugate, quat_rotate, tilt_from_quat
+from jezero.base.vehicle_config import AirframeConfig, VehicleConfig
 from jezero.schemas.units import GRAVITY_MPS2, NS_PER_S
 from jezero.services.actions.land_on_spot.landing_watch import wind_words
 from jezero.services.actions.land_on_spot.platform import PlatformState
 from jezero.services.actions.motion.behaviour import Done, VehicleState
-from jezero.tilt_contact import SLOPE_SINE_MAX, is_tilted_by_contact
-from jezero.vehicle_config import AirframeConfig, VehicleConfig
 
 PUSH_ACC_MPS2 = 5.0
 """Downward acceleration that is fed forward once the vehicle has touched down: it takes half of the thrust at once."""

@@ -6,7 +6,7 @@ estimate, out of bounds, too late, or when it is interrupted again and again.
 
 from math import hypot
 
-from jezero.frames import Vec3, altitude_m, subtract
+from jezero.base.frames import Vec3, altitude_m, subtract
 from jezero.schemas.goals import LandPhase
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.land_on_spot.config import RoverLandingConfig

@@ -2,7 +2,7 @@
 
 from math import hypot
 
-from jezero.frames import Vec3, add, subtract
+from jezero.base.frames import Vec3, add, subtract
 from jezero.services.actions.motion.tracking import ZERO, clipped
 
 SPEED_MAX_MPS, ACCELERATION_MPS2 = 1.0, 1.0

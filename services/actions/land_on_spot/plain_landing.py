@@ -2,7 +2,8 @@
 
 from math import hypot
 
-from jezero.frames import Vec3, altitude_m, subtract
+from jezero.base.detectors import is_tilted_by_contact
+from jezero.base.frames import Vec3, altitude_m, subtract
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import LandFeedback, LandPhase, LandResult
 from jezero.schemas.units import NS_PER_S
@@ -21,7 +22,6 @@ from jezero.services.actions.land_on_spot.landing_watch import WindLimit
 from jezero.services.actions.land_on_spot.paused_hover import PausedHover
 from jezero.services.actions.motion.behaviour import Done, Move, Remaining, VehicleState
 from jezero.services.actions.motion.straight_path import LEAD_M, StraightPath
-from jezero.tilt_contact import is_tilted_by_contact
 
 SPEED_APPROACH_MPS = 2.0
 SLOW_MARGIN_M = 1.0

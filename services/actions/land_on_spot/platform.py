@@ -6,7 +6,7 @@ Source: spec §8; thesis §4.4.2.
 from math import exp, hypot, sqrt
 from typing import NamedTuple
 
-from jezero.frames import Vec3, add, altitude_m, scale, subtract
+from jezero.base.frames import Vec3, add, altitude_m, scale, subtract
 from jezero.schemas.estimate import Relative
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.land_on_spot.config import PlatformControlConfig, RoverLandingConfig

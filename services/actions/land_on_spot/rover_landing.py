@@ -8,7 +8,8 @@ from math import cos, hypot, pi, sin
 
 from msgspec.structs import replace
 
-from jezero.frames import Vec3, add, altitude_m, norm, subtract
+from jezero.base.frames import Vec3, add, altitude_m, norm, subtract
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import LandFeedback, LandPhase, LandResult
 from jezero.schemas.units import NS_PER_S
@@ -37,7 +38,6 @@ from jezero.services.actions.land_on_spot.platform import (
     VerticalSpeed,
 )
 from jezero.services.actions.motion.behaviour import Done, Move, MovingFrame, Remaining, Selection, VehicleState
-from jezero.vehicle_config import VehicleConfig
 
 CLEAR_M = 1.0
 """A vehicle lower than this and beside the platform climbs before it comes near."""

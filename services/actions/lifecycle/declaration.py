@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
-from jezero.runtime.config import Config
+from jezero.base.config import Config
 from jezero.schemas.rows import Action
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.motion.behaviour import Planner

@@ -9,7 +9,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from jezero.frames import Vec3
+from jezero.base.frames import Vec3
 from jezero.schemas.state import Status
 from jezero.schemas.struct import Payload
 from jezero.services.actions.motion.behaviour import (

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import msgspec
 
-from jezero.frames import Vec3, add
+from jezero.base.frames import Vec3, add
 from jezero.runtime.service import Call, Inbox, Output
 from jezero.schemas.commands import AcquireReply
 from jezero.schemas.estimate import Lease, LeaseReply, Relative

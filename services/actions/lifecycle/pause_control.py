@@ -7,7 +7,7 @@ positions never jump, whatever the behaviour is.
 
 from msgspec.structs import replace
 
-from jezero.frames import Vec3, add, distance, norm, scale, subtract
+from jezero.base.frames import Vec3, add, distance, norm, scale, subtract
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.motion.behaviour import (
     Behaviour,

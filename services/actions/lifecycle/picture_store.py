@@ -13,7 +13,7 @@ from pathlib import Path
 from tempfile import mkdtemp
 from weakref import finalize
 
-from jezero.codec import BadPayloadError, decode, encode
+from jezero.base.codec import BadPayloadError, decode, encode
 from jezero.schemas.images import ImageReply
 
 SIZE_MAX_BYTES = 4_000_000_000

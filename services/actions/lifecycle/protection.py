@@ -11,9 +11,10 @@ from collections.abc import Sequence
 from math import degrees
 from typing import Literal, NamedTuple
 
-from jezero.fence import way_refusal
-from jezero.frames import Vec3, add, distance, horizontal, norm, subtract
-from jezero.heading_step import CHECK, heading_step_rad
+from jezero.base.detectors import COMPASS_CHECK, heading_step_rad
+from jezero.base.fence import way_refusal
+from jezero.base.frames import Vec3, add, distance, horizontal, norm, subtract
+from jezero.base.vehicle_config import BatteryConfig, VehicleConfig
 from jezero.runtime.service import Inbox
 from jezero.schemas.commands import Phase
 from jezero.schemas.state import Battery, Odometry
@@ -22,7 +23,6 @@ from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.lifecycle.vehicle_view import known_fence
 from jezero.services.actions.motion.behaviour import Move, Plan, VehicleState
 from jezero.services.actions.motion.limits import beyond_limits
-from jezero.vehicle_config import BatteryConfig, VehicleConfig
 
 # -- before the flight --
 
@@ -136,7 +136,7 @@ class ResetWatch:
             turned_deg = abs(degrees(turned_rad))
             return (
                 f"the autopilot turned its heading by {turned_deg:.0f}° in one step, as the vehicle's motion "
-                f"contradicts the compass: {CHECK}"
+                f"contradicts the compass: {COMPASS_CHECK}"
             )
         step_m = horizontal(subtract(odometry.reset_offset_ned_m, last.reset_offset_ned_m))
         self._sum_m += step_m

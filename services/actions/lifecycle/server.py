@@ -17,7 +17,8 @@ from typing import Any, Literal
 
 import msgspec
 
-from jezero.frames import Vec3, add, geodetic_from_ned
+from jezero.base.frames import Vec3, add, geodetic_from_ned
+from jezero.base.vehicle_config import BatteryConfig
 from jezero.runtime.service import (
     BackgroundTask,
     Call,
@@ -98,7 +99,6 @@ from jezero.services.actions.motion.behaviour import (
 )
 from jezero.services.actions.motion.capture import CAPTURE_INPUTS
 from jezero.services.actions.motion.limits import beyond_limits
-from jezero.vehicle_config import BatteryConfig
 
 EXPIRY_S = 30.0
 """Older goals and requests have no effect: what they were for may be over."""

@@ -5,7 +5,7 @@ from typing import Any
 
 import msgspec
 
-from jezero.frames import Quat, Vec3, add, quat_rotate, subtract
+from jezero.base.frames import Quat, Vec3, add, quat_rotate, subtract
 from jezero.runtime.service import Inbox
 from jezero.schemas.estimate import Relative, RoverEstimate
 from jezero.schemas.fence import Fence

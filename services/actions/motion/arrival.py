@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from jezero.frames import Vec3, add, norm, scale
+from jezero.base.frames import Vec3, add, norm, scale
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.motion.config import MoveConfig
 

@@ -13,7 +13,7 @@ from typing import Any, Literal, Protocol
 
 import msgspec
 
-from jezero.frames import Quat, Vec3, horizontal, quat_rotate, yaw_from_quat
+from jezero.base.frames import Quat, Vec3, horizontal, quat_rotate, yaw_from_quat
 from jezero.schemas.actions import PlannedCoverage
 from jezero.schemas.commands import Outcome, Phase
 from jezero.schemas.estimate import Relative, RoverEstimate

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import msgspec
 
-from jezero.frames import (
+from jezero.base.frames import (
     Quat,
     Vec3,
     add,
@@ -37,6 +37,7 @@ from jezero.frames import (
     subtract,
     yaw_from_quat,
 )
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.service import Inbox
 from jezero.schemas.images import Image, ImageReply
 from jezero.schemas.rows import Topic
@@ -46,7 +47,6 @@ from jezero.schemas.struct import Message
 from jezero.schemas.topics import ALTIMETER, CAMERA, CAMERA_INFO, GNSS, IMU, ODOMETRY
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.motion.config import CaptureConfig
-from jezero.vehicle_config import VehicleConfig
 
 AHEAD_MAX_NS = 50_000_000
 """Messages that seem to come from farther in the future are dropped."""

@@ -4,7 +4,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from jezero.runtime.config import Config
+from jezero.base.config import Config
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e4)]
 

@@ -1,7 +1,7 @@
 """Reasons of refusals that several actions share, each with the number and the limit."""
 
-from jezero.frames import Vec3, altitude_m, horizontal
-from jezero.vehicle_config import VehicleLimitsConfig
+from jezero.base.frames import Vec3, altitude_m, horizontal
+from jezero.base.vehicle_config import VehicleLimitsConfig
 
 SPEED_MIN_MPS = 0.1
 """Lowest speed that a goal may ask for."""

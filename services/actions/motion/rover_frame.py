@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from msgspec.structs import replace
 
-from jezero.frames import Vec3, add, subtract
+from jezero.base.frames import Vec3, add, subtract
 from jezero.schemas.estimate import Relative
 from jezero.services.actions.motion.behaviour import Done, Move, MovingFrame, VehicleState
 

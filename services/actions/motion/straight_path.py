@@ -7,7 +7,7 @@ for arrival. `TimedStraightPath` gives its reference as a function of time, for 
 from dataclasses import dataclass
 from math import sqrt
 
-from jezero.frames import Vec3, add, distance, dot, norm, scale, subtract, wrap_pi
+from jezero.base.frames import Vec3, add, distance, dot, norm, scale, subtract, wrap_pi
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import ImagesFeedback, LandFeedback, MoveFeedback
 from jezero.schemas.units import NS_PER_S

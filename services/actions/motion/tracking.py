@@ -5,7 +5,7 @@ Source: thesis §3.5 and algorithm 7.
 
 from typing import NamedTuple
 
-from jezero.frames import Vec3, add, distance, norm, scale, subtract
+from jezero.base.frames import Vec3, add, distance, norm, scale, subtract
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.motion.behaviour import VehicleState
 from jezero.services.actions.motion.config import TrackingConfig

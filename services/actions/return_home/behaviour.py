@@ -10,7 +10,7 @@ from math import hypot
 
 from msgspec.structs import replace
 
-from jezero.frames import Vec3, distance, dot, horizontal, norm, subtract
+from jezero.base.frames import Vec3, distance, dot, horizontal, norm, subtract
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import LandFeedback, ReturnFeedback, ReturnHomeGoal, ReturnPhase, ReturnResult
 from jezero.schemas.state import Status

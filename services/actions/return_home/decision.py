@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot, sqrt
 
-from jezero.fence import HOLD_OFF_M, way_refusal
-from jezero.flight_cost import FlightCost, flight_cost
-from jezero.frames import Vec3, add, altitude_m, distance, horizontal, norm, scale, subtract, z_ned_m
+from jezero.base.fence import HOLD_OFF_M, way_refusal
+from jezero.base.frames import Vec3, add, altitude_m, distance, horizontal, norm, scale, subtract, z_ned_m
+from jezero.base.vehicle_config import FlightCost, VehicleConfig, VehicleLimitsConfig, flight_cost
 from jezero.schemas.estimate import RoverEstimate
 from jezero.schemas.goals import HomePlace, ReturnHomeGoal
 from jezero.schemas.units import NS_PER_S
@@ -20,7 +20,6 @@ from jezero.services.actions.land_on_spot.rover_landing import rover_landing_rem
 from jezero.services.actions.motion.behaviour import VehicleState
 from jezero.services.actions.motion.config import MoveConfig
 from jezero.services.actions.motion.straight_path import SpeedProfile, straight_speed_mps
-from jezero.vehicle_config import VehicleConfig, VehicleLimitsConfig
 
 NO_TAKEOFF = "nobody knows where the vehicle took off"
 NO_RALLY_POINT = "there is no rally point"

@@ -3,13 +3,14 @@
 import sys
 from collections.abc import Mapping
 
-from jezero.runtime.config import Instance, load_config
+from jezero.base.config import load_config
+from jezero.base.vehicle_config import VehicleConfig
+from jezero.runtime.instance import Instance
 from jezero.runtime.links import SocketLink
 from jezero.runtime.process import run_process
 from jezero.runtime.service import Service
 from jezero.services.estimator.tag_detector.config import TagDetectorConfig
 from jezero.services.estimator.tag_detector.service import TagDetector
-from jezero.vehicle_config import VehicleConfig
 
 
 def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from jezero.frames import Quat, frd_from_camera, quat_rotate
-from jezero.lens import undistort
+from jezero.base.frames import Quat, frd_from_camera, quat_rotate
+from jezero.base.lens import undistort
 from jezero.schemas.sensors import CameraInfo, Distortion
 
 Array = NDArray[np.float64]

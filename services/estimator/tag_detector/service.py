@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jezero.frames import Vec3
+from jezero.base.frames import Vec3
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.service import Health, Inbox, Output, Publish, Spec
 from jezero.schemas import topics
 from jezero.schemas.estimate import TagEstimate
@@ -18,7 +19,6 @@ from jezero.services.estimator.attitude_history import AttitudeHistory
 from jezero.services.estimator.rover_tilt import LEVEL, level_from_rover_body
 from jezero.services.estimator.tag_detector.config import TagDetectorConfig
 from jezero.services.estimator.tag_detector.pose import Array, Pose, View, make_view, solve
-from jezero.vehicle_config import VehicleConfig
 
 if TYPE_CHECKING:
     from jezero.services.estimator.tag_detector.finder import Finder

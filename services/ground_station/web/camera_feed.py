@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from jezero.aio import JezeroError, TimedOut, Vehicle
-from jezero.camera_preview import FRAME_TIMEOUT_S
-from jezero.frames import (
+from jezero.base.camera_preview import FRAME_TIMEOUT_S
+from jezero.base.frames import (
     Quat,
     Vec3,
     add,
@@ -27,7 +27,8 @@ from jezero.frames import (
     rotate_yaw,
     subtract,
 )
-from jezero.lens import distort
+from jezero.base.lens import distort
+from jezero.base.vehicle_config import CameraMountConfig, VehicleConfig
 from jezero.schemas import topics
 from jezero.schemas.estimate import Relative, TagEstimate
 from jezero.schemas.landing_board import BoardTag
@@ -35,7 +36,6 @@ from jezero.schemas.rows import Topic
 from jezero.schemas.sensors import CameraFrame, CameraPreview
 from jezero.schemas.state import Odometry
 from jezero.schemas.units import NS_PER_S
-from jezero.vehicle_config import CameraMountConfig, VehicleConfig
 
 PICTURE_AGE_MAX_S = 2.0
 RETRY_S = 0.2

@@ -6,9 +6,9 @@ from contextlib import suppress
 from typing import Any
 
 from jezero.aio import JezeroError, Vehicle, described
-from jezero.plugins import PluginError, action_names, find_action
-from jezero.router_address import shown_router
-from jezero.runtime.config import links_from_environment
+from jezero.base.plugins import PluginError, action_names, find_action
+from jezero.base.router_address import shown_router
+from jezero.runtime.instance import links_from_environment
 from jezero.schemas.actions import ActionDescription, FeedbackMessage
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.rows import Action, Topic

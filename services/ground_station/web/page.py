@@ -4,7 +4,7 @@ from typing import Any
 
 from nicegui import events, ui
 
-from jezero.router_address import is_on_this_computer
+from jezero.base.router_address import is_on_this_computer
 from jezero.services.ground_station.config import GroundStationConfig
 from jezero.services.ground_station.views import ground_shape
 from jezero.services.ground_station.web.commands import Commands

@@ -20,7 +20,7 @@ from fastapi.responses import HTMLResponse, RedirectResponse
 from nicegui import events, ui
 from nicegui.element import Element
 
-from jezero.os_errors import describe_os_error
+from jezero.base.files import describe_os_error
 from jezero.recording.folder import recordings_in
 from jezero.recording.mcap_file import RecordingError
 from jezero.recording.writer import RECORDING

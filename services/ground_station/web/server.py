@@ -12,6 +12,7 @@ from fastapi.responses import RedirectResponse
 from nicegui import Client, ui
 from nicegui import app as pages
 
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.service import Health
 from jezero.services.ground_station.access import Listening, insecurities, listening_socket
 from jezero.services.ground_station.config import GroundStationConfig
@@ -34,7 +35,6 @@ from jezero.services.ground_station.web.feed import Feed
 from jezero.services.ground_station.web.login import Access, session_of
 from jezero.services.ground_station.web.page import Page
 from jezero.services.ground_station.web.recordings import PlaybackFeed, RecordingPages, Recordings
-from jezero.vehicle_config import VehicleConfig
 
 STOP_TIMEOUT_S = 1.0
 RECONNECT_TIMEOUT_S = 60.0

@@ -4,7 +4,9 @@ import argparse
 import sys
 from collections.abc import Mapping
 
-from jezero.runtime.config import ConfigError, Instance, load_config
+from jezero.base.config import ConfigError, load_config
+from jezero.base.vehicle_config import VehicleConfig
+from jezero.runtime.instance import Instance
 from jezero.runtime.links import SocketLink
 from jezero.runtime.process import run_process
 from jezero.runtime.service import Service
@@ -12,7 +14,6 @@ from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.making import make_camera
 from jezero.services.simulator.camera.service import NoEglError
 from jezero.services.simulator.config import SimulatorConfig
-from jezero.vehicle_config import VehicleConfig
 
 
 def main() -> int:

@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from jezero.base.vehicle_config import PlatformConfig
 from jezero.schemas.landing_board import CELLS
 from jezero.services.simulator.noise import generator
-from jezero.vehicle_config import PlatformConfig
 
 Image = npt.NDArray[np.uint8]
 TEXELS_PER_M = 2000

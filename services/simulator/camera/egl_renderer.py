@@ -6,7 +6,8 @@ from typing import Any
 import moderngl
 import numpy as np
 
-from jezero.frames import Vec3
+from jezero.base.frames import Vec3
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.schemas.state import Scene
 from jezero.services.simulator.camera.exposure import Image, PixelNoise, moved_px
 from jezero.services.simulator.camera.gl_matrices import (
@@ -21,7 +22,6 @@ from jezero.services.simulator.camera.service import NoEglError
 from jezero.services.simulator.camera.sun import TO_SUN_NED
 from jezero.services.simulator.camera.view import Array, View, half_tangents
 from jezero.services.simulator.config import SimulatorConfig
-from jezero.vehicle_config import VehicleConfig
 
 NEAR_M, FAR_M = 0.02, 4000.0
 BLUR_FROM_PX = 0.5

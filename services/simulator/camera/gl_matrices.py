@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jezero.frames import Quat, Vec3, quat_rotate
+from jezero.base.frames import Quat, Vec3, quat_rotate
 from jezero.schemas.sensors import CameraInfo
 from jezero.services.simulator.camera.view import Array, View
 

@@ -7,7 +7,8 @@ import moderngl
 import numpy as np
 import numpy.typing as npt
 
-from jezero.frames import Vec3
+from jezero.base.frames import Vec3
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.services.simulator.camera.board import board_picture
 from jezero.services.simulator.camera.gl_ground import make_ground_mesh
 from jezero.services.simulator.camera.gl_matrices import clip_from_sun
@@ -17,7 +18,6 @@ from jezero.services.simulator.camera.sun import TO_SUN_NED
 from jezero.services.simulator.camera.view import Array
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.terrain import make_terrain
-from jezero.vehicle_config import VehicleConfig
 
 SHADERS = Path(__file__).with_name("shaders")
 SHADOW_TEXELS = 1024

@@ -4,12 +4,12 @@ import dataclasses
 
 import msgspec
 
-from jezero.frames import scale as times
+from jezero.base.frames import scale as times
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.service import SPEC, Camera, NoEglError, Renderer
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.noise import generator
-from jezero.vehicle_config import VehicleConfig
 
 
 def make_camera(config: CameraConfig, simulator: SimulatorConfig, vehicle: VehicleConfig, seed: int) -> Camera:

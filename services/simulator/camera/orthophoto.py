@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.services.simulator.camera.egl_renderer import EglRenderer
 from jezero.services.simulator.camera.exposure import Image, PixelNoise
 from jezero.services.simulator.config import SimulatorConfig
-from jezero.vehicle_config import VehicleConfig
 
 TILE_TEXELS = 1024
 

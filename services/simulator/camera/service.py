@@ -5,7 +5,8 @@ from collections.abc import Iterable
 from functools import partial
 from typing import Protocol
 
-from jezero.camera_preview import PREVIEW_PERIOD_NS, preview_of
+from jezero.base.camera_preview import PREVIEW_PERIOD_NS, preview_of
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.service import Health, Inbox, Output, Publish, Spec
 from jezero.schemas import topics
 from jezero.schemas.sensors import CameraFrame, TagCorners
@@ -16,7 +17,6 @@ from jezero.services.simulator.camera.detections import BoardGeometry, detect
 from jezero.services.simulator.camera.gimbal import Gimbal
 from jezero.services.simulator.camera.view import View, view_of
 from jezero.services.simulator.noise import generator
-from jezero.vehicle_config import VehicleConfig
 
 INFO_PERIOD_NS = NS_PER_S
 

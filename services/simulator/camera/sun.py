@@ -2,7 +2,7 @@
 
 from math import cos, radians, sin
 
-from jezero.frames import Vec3
+from jezero.base.frames import Vec3
 
 SUN_AZIMUTH_DEG = 310.0
 SUN_ELEVATION_DEG = 48.0

@@ -6,12 +6,12 @@ import cv2
 import msgspec
 import numpy as np
 
-from jezero.lens import undistort
+from jezero.base.lens import undistort
+from jezero.base.vehicle_config import CameraMountConfig
 from jezero.schemas.sensors import NO_DISTORTION
 from jezero.schemas.state import Scene
 from jezero.services.simulator.camera.service import Renderer
 from jezero.services.simulator.camera.view import Array, View
-from jezero.vehicle_config import CameraMountConfig
 
 
 def pinhole_behind(camera: CameraMountConfig) -> CameraMountConfig:

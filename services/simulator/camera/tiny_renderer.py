@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from jezero.base.vehicle_config import PlatformConfig, VehicleConfig
 from jezero.schemas.sensors import CameraInfo
 from jezero.schemas.state import Scene
 from jezero.services.simulator.camera.board import board_picture
@@ -23,7 +24,6 @@ from jezero.services.simulator.camera.view import Array, View, project
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.quiet_pybullet import pybullet
 from jezero.services.simulator.terrain import HALF_SIDE_M, POINTS, SPACING_M, Terrain, make_terrain
-from jezero.vehicle_config import PlatformConfig, VehicleConfig
 
 NEAR_M, FAR_M = 0.02, 400.0
 THINNING = 3

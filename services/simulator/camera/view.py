@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from jezero.frames import (
+from jezero.base.frames import (
     Quat,
     Vec3,
     add,
@@ -19,7 +19,7 @@ from jezero.frames import (
     scale,
     subtract,
 )
-from jezero.lens import distort
+from jezero.base.lens import distort
 from jezero.schemas.sensors import CameraInfo
 from jezero.schemas.state import Scene
 

@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import pytest
 import zenoh
 
-from jezero.codec import encode
+from jezero.base.codec import encode
 from jezero.deploy.launcher.compose import parse
 from jezero.deploy.launcher.launcher import Launcher
 from jezero.deploy.launcher.state import RunFolder
-from jezero.runtime.config import Instance
+from jezero.runtime.instance import Instance
 from jezero.schemas.health import ServiceHealth, ServiceState
 from jezero.schemas.state import Status
 

@@ -7,12 +7,12 @@ from types import SimpleNamespace
 import pytest
 import zenoh
 
-from jezero.codec import encode
+from jezero.base.codec import encode
 from jezero.deploy.launcher.compose import ComposeError, parse
 from jezero.deploy.launcher.health import HealthWatcher
 from jezero.deploy.launcher.output import LogReader, Output
 from jezero.deploy.launcher.state import RunFolder
-from jezero.runtime.config import Instance
+from jezero.runtime.instance import Instance
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.state import Status
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from jezero.frames import Vec3, add, norm, rotate_yaw, scale, subtract
+from jezero.base.frames import Vec3, add, norm, rotate_yaw, scale, subtract
 from jezero.runtime.service import Inbox, Output, Publish, Reply, Spec
 from jezero.schemas import topics
 from jezero.schemas.commands import AcquireReply, Release, ReleaseReply, Setpoint

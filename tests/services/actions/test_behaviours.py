@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from jezero.frames import Quat, Vec3, norm, quat_from_euler, wrap_pi
+from jezero.base.frames import Quat, Vec3, norm, quat_from_euler, wrap_pi
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import GoToGoal, LandOnSpotGoal, LandResult, TakeoffGoal
 from jezero.schemas.state import Status

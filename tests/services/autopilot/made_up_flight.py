@@ -5,7 +5,7 @@ from math import cos, sin
 
 import numpy as np
 
-from jezero.frames import (
+from jezero.base.frames import (
     Quat,
     Vec3,
     add,

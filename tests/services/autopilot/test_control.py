@@ -6,11 +6,11 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from jezero.runtime.config import ConfigError, config_directory, load_config
+from jezero.base.config import ConfigError, config_directory, load_config
+from jezero.base.vehicle_config import AirframeConfig
 from jezero.services.autopilot.config import AutopilotConfig, ControlConfig
 from jezero.services.autopilot.control import Kinematics, Setpoint, VelocityLoop, approach_speed_mps
 from jezero.services.autopilot.mixer import Mixer
-from jezero.vehicle_config import AirframeConfig
 
 AIRFRAME = AirframeConfig()
 HOVER = 0.5

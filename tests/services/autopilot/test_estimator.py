@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jezero.frames import (
+from jezero.base.frames import (
     Vec3,
     add,
     cross,

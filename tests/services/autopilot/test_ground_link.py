@@ -4,14 +4,15 @@ import hashlib
 
 import pytest
 
+from jezero.base.config import ConfigError
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.keys.bundle import MAVLINK_KEY
-from jezero.runtime.config import ConfigError, Instance
+from jezero.runtime.instance import Instance
 from jezero.runtime.service import Health
 from jezero.services.autopilot.__main__ import build
 from jezero.services.autopilot.config import AutopilotConfig, SigningConfig
 from jezero.services.autopilot.ground_link import ground_host, insecurity, with_signatures
 from jezero.services.autopilot.service import Autopilot
-from jezero.vehicle_config import VehicleConfig
 from tests.keys.rig import make_team
 from tests.services.autopilot.test_service import Box
 

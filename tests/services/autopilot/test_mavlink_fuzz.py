@@ -6,10 +6,10 @@ from random import Random
 import msgspec
 import pytest
 
-from jezero.mavlink import MavlinkCodec, MavMessage, Signing, dialect
+from jezero.base.mavlink import MavlinkCodec, MavMessage, Signing, dialect
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.services.autopilot.config import AutopilotConfig, SigningConfig
 from jezero.services.autopilot.service import OFFBOARD, Autopilot
-from jezero.vehicle_config import VehicleConfig
 from tests.services.autopilot.test_service import ARM, Bench, kinds
 
 KEY = bytes(range(32))

@@ -3,13 +3,13 @@
 import msgspec
 import pytest
 
-from jezero.mavlink import MavlinkCodec, MavMessage, dialect
+from jezero.base.mavlink import MavlinkCodec, MavMessage, dialect
+from jezero.base.vehicle_config import BatteryConfig
 from jezero.services.autopilot.battery import Battery
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.mavlink_receiver import decode_parameter, encode_parameter
 from jezero.services.autopilot.parameters import ROWS, Parameters, Row, Value
 from jezero.services.autopilot.service import OFFBOARD
-from jezero.vehicle_config import BatteryConfig
 from tests.services.autopilot.test_service import Bench, kinds
 
 HOVER = 0.5

@@ -2,7 +2,7 @@
 
 import pytest
 
-from jezero.frames import Vec3
+from jezero.base.frames import Vec3
 from jezero.services.autopilot.config import ControlConfig, NavigatorConfig
 from jezero.services.autopilot.control import Kinematics
 from jezero.services.autopilot.modes import Mode

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from jezero.runtime.config import ConfigError
+from jezero.base.config import ConfigError
+from jezero.base.vehicle_config import BatteryConfig
 from jezero.services.autopilot.px4 import command, environment
 from jezero.services.autopilot.px4_link import ChildLink
-from jezero.vehicle_config import BatteryConfig
 
 CONNECTS = """
 import os, signal, socket, subprocess, sys

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import pytest
 
+from jezero.base.config import config_directory
+from jezero.base.mavlink import MavlinkCodec, Signing, dialect
 from jezero.deploy.launcher.ports import reserved_instance, service_environment
-from jezero.mavlink import MavlinkCodec, Signing, dialect
-from jezero.runtime.bus_address import socket_of
-from jezero.runtime.config import Instance, config_directory
+from jezero.runtime.instance import Instance, socket_of
 from jezero.runtime.routing import open_router
 from jezero.services.autopilot.__main__ import UNIX_2015_S
 from jezero.services.autopilot.kept_stamp import NAME, load, save

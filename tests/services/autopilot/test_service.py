@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from jezero.mavlink import MavlinkCodec, MavMessage, dialect
+from jezero.base.mavlink import MavlinkCodec, MavMessage, dialect
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.service import Health, Send
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.service import HIL, OFFBOARD, Autopilot
-from jezero.vehicle_config import VehicleConfig
 
 G = 9.81
 ARM, MODE = dialect.MAV_CMD_COMPONENT_ARM_DISARM, dialect.MAV_CMD_DO_SET_MODE

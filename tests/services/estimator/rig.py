@@ -7,7 +7,8 @@ from typing import Any
 import msgspec
 
 from benchmarks.quality.estimator_flight import Arrival, Conditions, EstimatorFlight
-from jezero.frames import Vec3, norm, subtract
+from jezero.base.frames import Vec3, norm, subtract
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.runtime.service import Inbox, Output, Publish, Spec
 from jezero.schemas import topics
@@ -17,7 +18,6 @@ from jezero.schemas.struct import Payload
 from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.config import EstimatorConfig
 from jezero.services.estimator.service import Estimator
-from jezero.vehicle_config import VehicleConfig
 
 Tamper = Callable[[Arrival], Iterable[Arrival]]
 SENSORS = (topics.CLOCK, topics.ODOMETRY, topics.UWB, topics.ALTIMETER, topics.ROVER_ODOMETRY, topics.ESTIMATE_TAG)

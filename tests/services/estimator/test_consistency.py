@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from jezero.base.vehicle_config import PlatformConfig
 from jezero.services.estimator.config import Tuning, ValidityConfig
 from jezero.services.estimator.consistency import HEADINGS_MIN, ConsistencyMonitor
 from jezero.services.estimator.measurements import (
@@ -15,7 +16,6 @@ from jezero.services.estimator.measurements import (
 )
 from jezero.services.estimator.motion_check import Difference
 from jezero.services.estimator.relative_filter import RelativeFilter
-from jezero.vehicle_config import PlatformConfig
 from tests.services.estimator.test_filter import (
     ANCHORS_M,
     LEVER_M,

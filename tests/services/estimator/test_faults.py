@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from msgspec.structs import replace as changed
 
 from benchmarks.quality.estimator_flight import Arrival, Conditions
-from jezero.frames import norm
+from jezero.base.frames import norm
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.node import Mailbox
 from jezero.runtime.service import Publish
 from jezero.schemas import topics
@@ -23,7 +24,6 @@ from jezero.services.estimator.kalman import UpdateResult
 from jezero.services.estimator.measurements import AltimeterMeasurement
 from jezero.services.estimator.range_outliers import RangeOutlierFilter
 from jezero.services.estimator.service import Estimator
-from jezero.vehicle_config import VehicleConfig
 from tests.services.estimator.rig import Rig
 from tests.services.estimator.test_filter import GATE, MS, POS_ROVER_M, POS_UAV_M, kalman_at
 

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from jezero.base.vehicle_config import PlatformConfig
 from jezero.services.estimator.config import Tuning, ValidityConfig
 from jezero.services.estimator.kalman import FilterState, Kalman
 from jezero.services.estimator.measurements import (
@@ -17,7 +18,6 @@ from jezero.services.estimator.measurements import (
 from jezero.services.estimator.motion import SIZE, Array, MotionModel, initial_state
 from jezero.services.estimator.relative_filter import RelativeFilter
 from jezero.services.estimator.trilateration import trilaterate
-from jezero.vehicle_config import PlatformConfig
 
 ANCHORS_M = np.array(((0.45, 0.45, 0.0), (0.45, -0.45, 0.0), (-0.45, -0.45, 0.0), (-0.45, 0.45, 0.0)))
 POS_UAV_M = np.array((10.0, -4.0, -6.0))

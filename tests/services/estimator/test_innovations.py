@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.quality.estimator_flight import Conditions, EstimatorFlight
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.node import Mailbox
 from jezero.runtime.service import Publish
 from jezero.schemas import topics
@@ -13,7 +14,6 @@ from jezero.schemas.estimate import Relative
 from jezero.services.estimator.config import EstimatorConfig, Tuning
 from jezero.services.estimator.innovations import Innovation, Observer, Sensor
 from jezero.services.estimator.service import Estimator
-from jezero.vehicle_config import VehicleConfig
 
 END_NS = 10_000_000_000
 

@@ -6,7 +6,7 @@ from random import Random
 import msgspec
 import pytest
 
-from jezero.frames import wrap_pi
+from jezero.base.frames import wrap_pi
 from jezero.schemas.sensors import RoverOdometry
 from jezero.services.estimator.rover_plausibility import RoverPlausibilityCheck
 

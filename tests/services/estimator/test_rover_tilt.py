@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from jezero.frames import Vec3, quat_from_euler, quat_rotate
+from jezero.base.frames import Vec3, quat_from_euler, quat_rotate
+from jezero.base.vehicle_config import PlatformConfig
 from jezero.schemas.sensors import RoverOdometry
 from jezero.services.estimator.config import Tuning
 from jezero.services.estimator.kalman import FilterState, Kalman
@@ -11,7 +12,6 @@ from jezero.services.estimator.measurements import AltimeterMeasurement, Measure
 from jezero.services.estimator.motion import POS_ROVER, POS_UAV, YAW, MotionModel, initial_state
 from jezero.services.estimator.rover_tilt import level_from_rover_body
 from jezero.services.estimator.uwb_initialization import ROUNDS_MIN, UwbWindow
-from jezero.vehicle_config import PlatformConfig
 
 ROVER = RoverOdometry(
     t_ns=0,

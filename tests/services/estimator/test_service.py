@@ -9,7 +9,7 @@ import msgspec
 import pytest
 
 from benchmarks.quality.estimator_flight import Arrival, Conditions
-from jezero.frames import add, norm, subtract
+from jezero.base.frames import add, norm, subtract
 from jezero.schemas import topics
 from jezero.schemas.estimate import GetParameters, Lease, SetParameters
 from jezero.schemas.rows import Topic

@@ -110,11 +110,11 @@ def main() -> None:
     """Serve until SIGTERM."""
     import msgspec
 
-    from jezero.runtime.config import load_config
+    from jezero.base.config import load_config
+    from jezero.base.vehicle_config import VehicleConfig
     from jezero.services.ground_station.access import Listening, hash_of
     from jezero.services.ground_station.config import GroundStationConfig
     from jezero.services.ground_station.web.server import PageServer
-    from jezero.vehicle_config import VehicleConfig
 
     router, *words = sys.argv[1:]
     settings = dict(word.split("=") for word in words)

@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("argon2", reason="the extra jezero[ground] is not installed")
 
-from jezero.runtime.config import ConfigError
+from jezero.base.config import ConfigError
 from jezero.services.ground_station.access import (
     ADDRESSES_MAX,
     SESSIONS_MAX,

@@ -14,15 +14,15 @@ import zenoh
 from PIL import Image
 
 from jezero.aio import Vehicle
-from jezero.camera_preview import preview_of
-from jezero.codec import encode, split_attachment
+from jezero.base.camera_preview import preview_of
+from jezero.base.codec import encode, split_attachment
+from jezero.base.vehicle_config import VehicleConfig
+from jezero.base.zenoh_client import declare_publisher, put
 from jezero.schemas import topics
 from jezero.schemas.rows import Topic
 from jezero.schemas.sensors import CameraFrame
 from jezero.services.ground_station.web import camera_feed
 from jezero.services.ground_station.web.camera_feed import RETRY_S, CameraFeed
-from jezero.vehicle_config import VehicleConfig
-from jezero.zenoh_client import declare_publisher, put
 from tests.aio.rig import with_vehicle
 from tests.client.rig import Server, endpoint, server
 

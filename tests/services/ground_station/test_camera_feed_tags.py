@@ -4,11 +4,11 @@ from math import pi
 
 import pytest
 
-from jezero.frames import quat_from_euler
+from jezero.base.frames import quat_from_euler
+from jezero.base.vehicle_config import CameraMountConfig
 from jezero.schemas.estimate import TagEstimate
 from jezero.schemas.landing_board import BoardTag
 from jezero.services.ground_station.web.camera_feed import tag_outlines
-from jezero.vehicle_config import CameraMountConfig
 
 CAMERA = CameraMountConfig(pos_camera_frd_m=(0.0, 0.0, 0.0))
 TAG = BoardTag(tag_id=77, side_m=0.6, pos_rover_body_m=(0.0, 0.0, 0.0))

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from jezero.area_files import AreaFileError
-from jezero.frames import geodetic_from_ned
+from jezero.base.frames import geodetic_from_ned
 from jezero.services.ground_station.drawn_area import DrawnArea, area_from_browser, placed, polygons_in
 
 ORIGIN_DEG = (18.4447, 77.4508)

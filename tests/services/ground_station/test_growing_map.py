@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from jezero.frames import quat_from_euler, quat_multiply
+from jezero.base.frames import quat_from_euler, quat_multiply
 from jezero.schemas.images import Image
 from jezero.services.ground_station import growing_map
 from jezero.services.ground_station.growing_map import GrowingMap, MapPlace

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jezero.codec import encode
+from jezero.base.codec import encode
 from jezero.recording import RecordingError
 from jezero.recording.images import ImageFormat
 from jezero.recording.writer import RecordingWriter

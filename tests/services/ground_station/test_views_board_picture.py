@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
+from jezero.base.vehicle_config import PlatformConfig
 from jezero.schemas.landing_board import BoardTag
 from jezero.services.ground_station.views import PIXELS_PER_M, board_address, board_picture
-from jezero.vehicle_config import PlatformConfig
 
 TWO_TAGS = PlatformConfig(
     tags=(

@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from jezero.frames import q_frd_from_camera, quat_from_euler, quat_rotate
+from jezero.base.frames import q_frd_from_camera, quat_from_euler, quat_rotate
 from jezero.schemas.commands import CameraPitch
 from jezero.schemas.estimate import Covariance6
 from jezero.schemas.sensors import Altimeter

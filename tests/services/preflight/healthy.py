@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from jezero.frames import quat_from_euler
+from jezero.base.frames import quat_from_euler
 from jezero.schemas.estimate import SetParameters, TagEstimate
 from jezero.schemas.fence import FenceState
 from jezero.schemas.health import ServiceHealth

@@ -4,10 +4,10 @@ from collections.abc import Callable
 
 import pytest
 
+from jezero.base.vehicle_config import BatteryConfig
 from jezero.schemas.state import Battery
 from jezero.schemas.units import NS_PER_S
 from jezero.services.preflight.charge_watch import ChargeWatch
-from jezero.vehicle_config import BatteryConfig
 from tests.services.preflight.healthy import status
 
 HOVER_PER_S = BatteryConfig().used(1.0)

@@ -2,7 +2,7 @@
 
 from msgspec.structs import replace
 
-from jezero.frames import quat_from_euler
+from jezero.base.frames import quat_from_euler
 from jezero.schemas.state import Status
 from jezero.services.preflight.heading_watch import HeadingWatch
 from jezero.services.preflight.sensor_checks import check_compass

@@ -3,11 +3,11 @@
 import pytest
 from msgspec.structs import replace
 
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.schemas.sensors import Altimeter, Barometer
 from jezero.schemas.state import Status
 from jezero.services.preflight.height_watch import HeightWatch
 from jezero.services.preflight.sensor_checks import check_sensors
-from jezero.vehicle_config import VehicleConfig
 from tests.services.preflight.healthy import readings, status
 
 S = 1_000_000_000

@@ -6,7 +6,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from jezero.codec import decode
+from jezero.base.codec import decode
+from jezero.base.vehicle_config import BatteryConfig
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.runtime.service import Inbox, Output, Publish, Spec
 from jezero.schemas.preflight import GetPreflight, PreflightReply, PreflightReport
@@ -15,7 +16,6 @@ from jezero.schemas.topics import CHECK_PREFLIGHT, CLOCK, MAG, STATUS
 from jezero.services.preflight.charge_watch import LEAST_FALL
 from jezero.services.preflight.checks import LANDING_CHAIN
 from jezero.services.preflight.service import Preflight
-from jezero.vehicle_config import BatteryConfig
 from tests.services.preflight.healthy import mag, status
 
 

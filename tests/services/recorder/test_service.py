@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from jezero.codec import decode, encode
+from jezero.base.codec import decode, encode
 from jezero.recording import open_recording
 from jezero.recording.folder import Progress, RecordingFolder, newest_recording, room_bytes
 from jezero.runtime.memory_bus import MemoryBus

@@ -1,6 +1,6 @@
 """The rover's computer passes the rover's topics between the bus and the simulator."""
 
-from jezero.rover_link import line_of
+from jezero.base.rover_link import line_of
 from jezero.runtime.node import Mailbox
 from jezero.runtime.service import Health, Output, Publish, Send
 from jezero.schemas import topics

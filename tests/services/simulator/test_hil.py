@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from jezero.mavlink import MavlinkCodec, dialect
+from jezero.base.mavlink import MavlinkCodec, dialect
 from jezero.schemas.sensors import Barometer, Gnss, Magnetometer
 from jezero.services.simulator.hil import HilPort
 

@@ -9,14 +9,14 @@ import msgspec
 import numpy as np
 import pytest
 
-from jezero.frames import Vec3, norm, quat_from_euler, subtract, tilt_from_quat
+from jezero.base.frames import Vec3, norm, quat_from_euler, subtract, tilt_from_quat
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.services.simulator.body import BodyState
 from jezero.services.simulator.config import RoverConfig, SimulatorConfig, TerrainConfig, UavConfig
 from jezero.services.simulator.rover import Rover
 from jezero.services.simulator.terrain import make_terrain
 from jezero.services.simulator.uav import Uav, ground_effect
 from jezero.services.simulator.world import DT_S, World
-from jezero.vehicle_config import VehicleConfig
 
 CONFIG = SimulatorConfig()
 VEHICLE = VehicleConfig()

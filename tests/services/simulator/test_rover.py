@@ -4,7 +4,7 @@ from math import cos, degrees, radians, sin
 
 import pytest
 
-from jezero.frames import Vec3, euler_from_quat, quat_rotate, tilt_from_quat
+from jezero.base.frames import Vec3, euler_from_quat, quat_rotate, tilt_from_quat
 from jezero.services.simulator.config import RoverConfig, TerrainConfig
 from jezero.services.simulator.rover import Rover
 from jezero.services.simulator.terrain import Terrain, make_terrain

@@ -7,7 +7,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from jezero.frames import Vec3, ned_from_geodetic, quat_from_euler
+from jezero.base.frames import Vec3, ned_from_geodetic, quat_from_euler
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.services.simulator.body import BodyState, RoverState
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.sensors import (
@@ -21,7 +22,6 @@ from jezero.services.simulator.sensors import (
     altitude_pressure_m,
     pressure_pa,
 )
-from jezero.vehicle_config import VehicleConfig
 
 CONFIG = SimulatorConfig()
 VEHICLE = VehicleConfig()

@@ -8,10 +8,11 @@ from typing import Any, Literal
 import msgspec
 import pytest
 
-from jezero.codec import encode
-from jezero.frames import Vec3, distance, norm
-from jezero.mavlink import MavlinkCodec, dialect
-from jezero.runtime.config import ConfigError, load_config
+from jezero.base.codec import encode
+from jezero.base.config import ConfigError, load_config
+from jezero.base.frames import Vec3, distance, norm
+from jezero.base.mavlink import MavlinkCodec, dialect
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.service import Health, Output, Publish, Reply, Request, Send
 from jezero.schemas import topics
 from jezero.schemas.commands import RoverCommand
@@ -21,7 +22,6 @@ from jezero.services.simulator.config import RoverConfig, SimulatorConfig, UavCo
 from jezero.services.simulator.rover_port import ROVER
 from jezero.services.simulator.schedule import Schedule
 from jezero.services.simulator.service import HIL, SPEC, Simulator
-from jezero.vehicle_config import VehicleConfig
 
 STEP_NS = 4_000_000
 VEHICLE = VehicleConfig()

@@ -7,8 +7,9 @@ import struct
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from jezero.codec import decode, encode
-from jezero.mavlink import MavlinkCodec, dialect
+from jezero.base.codec import decode, encode
+from jezero.base.mavlink import MavlinkCodec, dialect
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.service import Output, Publish, Reply, Request, Send
 from jezero.schemas.commands import Acquire, AcquireReply, Phase, Release, Setpoint
 from jezero.schemas.rows import Endpoint
@@ -17,7 +18,6 @@ from jezero.schemas.state import Clock, Odometry, Status
 from jezero.schemas.topics import ACQUIRE, ALTIMETER, CLOCK, FENCE, ODOMETRY, RELEASE, SETPOINT, STATUS
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.service import VehicleBridge
-from jezero.vehicle_config import VehicleConfig
 
 STEP_NS = 20_000_000
 BOOT_ID = 0xB0

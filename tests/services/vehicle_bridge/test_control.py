@@ -5,8 +5,8 @@ import re
 import msgspec
 import pytest
 
-from jezero.codec import encode
-from jezero.runtime.config import load_config
+from jezero.base.codec import encode
+from jezero.base.config import load_config
 from jezero.schemas.commands import Abort, Hover, Phase, Release
 from jezero.schemas.state import StatusCode
 from jezero.schemas.topics import ABORT, HOVER, RELEASE

@@ -2,8 +2,8 @@
 
 import pytest
 
-from jezero.frames import ned_from_geodetic
-from jezero.mavlink import MavMessage, dialect
+from jezero.base.frames import ned_from_geodetic
+from jezero.base.mavlink import MavMessage, dialect
 from jezero.schemas.fence import Fence, Zone
 from jezero.services.vehicle_bridge.fence import KEEP_IN, KEEP_OUT, TRIES, FenceUpload, autopilot_items
 from tests.services.autopilot.test_mavlink_receiver import send

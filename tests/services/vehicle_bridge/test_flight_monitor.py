@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from jezero.frames import quat_from_euler
+from jezero.base.frames import quat_from_euler
 from jezero.schemas.units import NS_PER_S
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.flight_monitor import FlightMonitor

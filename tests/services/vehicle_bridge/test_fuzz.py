@@ -10,7 +10,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from jezero.mavlink import dialect
+from jezero.base.mavlink import dialect
 from jezero.schemas import topics
 from jezero.schemas.commands import Abort, Acquire, Hover, Kill, Outcome, Phase, Release
 from jezero.schemas.state import StatusCode

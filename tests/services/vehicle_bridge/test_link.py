@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from jezero.frames import quat_from_euler
-from jezero.mavlink import MavlinkCodec, MavMessage, dialect
+from jezero.base.frames import quat_from_euler
+from jezero.base.mavlink import MavlinkCodec, MavMessage, dialect
 from jezero.schemas.commands import Phase
 from jezero.services.vehicle_bridge.autopilot_link import INTERVALS_US, AutopilotLink, TelemetryBatch
 from jezero.services.vehicle_bridge.vehicle import Command, mode_name

@@ -2,10 +2,10 @@
 
 import pytest
 
+from jezero.base.vehicle_config import VehicleConfig, VehicleLimitsConfig
 from jezero.runtime.service import Subscribe
 from jezero.schemas.commands import Abort, Acquire, Hover, Phase, Release
 from jezero.schemas.topics import ABORT, ACQUIRE, ALTIMETER, HOVER, RELEASE
-from jezero.vehicle_config import VehicleConfig, VehicleLimitsConfig
 from tests.services.vehicle_bridge.rig import BOOT_ID, MODES, Rig
 
 TARGETS = [("go_to", Phase.GO_TO), ("land_on_spot", Phase.LANDING)]

@@ -5,12 +5,12 @@ from random import Random
 
 import pytest
 
-from jezero.fence import nearest
-from jezero.frames import Vec3, add, scale, subtract
+from jezero.base.fence import nearest
+from jezero.base.frames import Vec3, add, scale, subtract
+from jezero.base.vehicle_config import VehicleLimitsConfig
 from jezero.schemas.fence import Fence, Zone
 from jezero.services.vehicle_bridge.motion_limits import limited_target
 from jezero.services.vehicle_bridge.vehicle import Target, VehicleSnapshot
-from jezero.vehicle_config import VehicleLimitsConfig
 
 FIELD = Zone(name="field", corners_ned_m=((-20.0, -20.0), (20.0, -20.0), (20.0, 20.0), (-20.0, 20.0)))
 CRATER = Zone(name="crater", corners_ned_m=((4.0, -2.0), (8.0, -2.0), (8.0, 2.0), (4.0, 2.0)))

@@ -4,14 +4,14 @@ from math import hypot, sqrt
 
 import pytest
 
-from jezero.frames import norm
+from jezero.base.frames import norm
+from jezero.base.vehicle_config import VehicleConfig, VehicleLimitsConfig
 from jezero.runtime.service import Health
 from jezero.schemas.commands import Hover, Phase
 from jezero.schemas.state import StatusCode
 from jezero.schemas.topics import HOVER
 from jezero.services.vehicle_bridge.motion_limits import slowed_target
 from jezero.services.vehicle_bridge.vehicle import Target, VehicleSnapshot
-from jezero.vehicle_config import VehicleConfig, VehicleLimitsConfig
 from tests.services.vehicle_bridge.rig import Rig
 
 LIMITS = VehicleLimitsConfig(altitude_max_m=30.0, distance_max_m=40.0, speed_max_mps=6.0)

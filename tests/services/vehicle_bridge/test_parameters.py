@@ -5,8 +5,8 @@ import struct
 import msgspec
 import pytest
 
-from jezero.mavlink import dialect
-from jezero.runtime.config import load_config
+from jezero.base.config import load_config
+from jezero.base.mavlink import dialect
 from jezero.runtime.service import Health
 from jezero.schemas.state import Battery
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig

@@ -2,7 +2,7 @@
 
 import pytest
 
-from jezero.frames import quat_from_euler
+from jezero.base.frames import quat_from_euler
 from jezero.schemas.commands import Abort, Hover, Phase
 from jezero.schemas.topics import ABORT, HOVER
 from tests.services.vehicle_bridge.rig import ARM, CRITICAL, MODES, Rig

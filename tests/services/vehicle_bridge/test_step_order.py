@@ -2,7 +2,7 @@
 
 import pytest
 
-from jezero.mavlink import dialect
+from jezero.base.mavlink import dialect
 from jezero.runtime.service import Output, Publish, Send
 from jezero.schemas.commands import Hover, Phase
 from jezero.schemas.topics import HOVER, ODOMETRY

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from jezero.frames import Vec3
-from jezero.mavlink import MavlinkCodec, dialect
+from jezero.base.frames import Vec3
+from jezero.base.mavlink import MavlinkCodec, dialect
 from jezero.schemas.commands import Hover, Phase
 from jezero.schemas.topics import HOVER
 from jezero.services.vehicle_bridge.takeover import ForeignSetpointDetector, SetpointEcho

@@ -4,11 +4,11 @@ from math import cos, sin, sqrt, tan
 
 import pytest
 
-from jezero.frames import Quat, Vec3
+from jezero.base.frames import Quat, Vec3
+from jezero.base.vehicle_config import AirframeConfig
 from jezero.schemas.state import Odometry
 from jezero.services.vehicle_bridge.vehicle import VehicleSnapshot
 from jezero.services.vehicle_bridge.wind_estimator import WindEstimator, wind_ned_mps
-from jezero.vehicle_config import AirframeConfig
 
 AIRFRAME = AirframeConfig(mass_kg=1.5, drag_rotors_nspm=0.45, drag_area_side_m2=0.06)
 STILL: Vec3 = (0.0, 0.0, 0.0)

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from shapely import Point, Polygon
 
-from jezero.codec import encode
-from jezero.frames import Vec3
+from jezero.base.codec import encode
+from jezero.base.frames import Vec3
 from jezero.runtime.memory_bus import SentRequest
 from jezero.schemas import topics
 from jezero.schemas.actions import Rejected

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from jezero.frames import Vec3
+from jezero.base.frames import Vec3
 from jezero.runtime.service import Inbox, Output, Publish, Reply, Request, Spec
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, Result

@@ -6,8 +6,9 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from jezero.frames import Vec3
-from jezero.mavlink import MavlinkCodec, dialect
+from jezero.base.frames import Vec3
+from jezero.base.mavlink import MavlinkCodec, dialect
+from jezero.base.vehicle_config import VehicleLimitsConfig
 from jezero.runtime.service import Output, Publish, Reply, Send, Spec
 from jezero.schemas import topics
 from jezero.schemas.commands import AcquireReply, Phase, Setpoint
@@ -15,7 +16,6 @@ from jezero.schemas.rows import Topic
 from jezero.schemas.state import StatusCode
 from jezero.trials.campaign.judge import Judge
 from jezero.trials.campaign.judge_control import BridgeJudge
-from jezero.vehicle_config import VehicleLimitsConfig
 from tests.trials.campaign.test_fence import odometry, status
 
 S = 1_000_000_000

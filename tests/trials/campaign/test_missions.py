@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from jezero.plugins import all_actions
+from jezero.base.plugins import all_actions
 from jezero.runtime.service import Call, Inbox, Output, Publish, Reply, Request, Spec
 from jezero.schemas import topics
 from jezero.schemas.goals import Goal, GoToGoal, ReturnHomeGoal

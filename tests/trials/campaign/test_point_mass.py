@@ -4,7 +4,7 @@ from math import atan, degrees
 
 import pytest
 
-from jezero.frames import Vec3, geodetic_from_ned, tilt_from_quat, yaw_from_quat
+from jezero.base.frames import Vec3, geodetic_from_ned, tilt_from_quat, yaw_from_quat
 from jezero.services.autopilot.alignment import Fix
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.control import Setpoint

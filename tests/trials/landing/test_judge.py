@@ -4,8 +4,8 @@ from math import hypot, inf
 
 import pytest
 
-from jezero.codec import encode
-from jezero.frames import Vec3
+from jezero.base.codec import encode
+from jezero.base.frames import Vec3
 from jezero.schemas import topics
 from jezero.schemas.actions import FeedbackMessage
 from jezero.schemas.estimate import Relative

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from jezero.codec import decode
+from jezero.base.codec import decode
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, Cancel, Feedback, Rejected, Result

@@ -9,6 +9,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry import LineString, Polygon
 
+from jezero.base.vehicle_config import CameraMountConfig, VehicleConfig
 from jezero.schemas.goals import AreaCoverageGoal
 from jezero.services.actions.area_coverage.area import AreaError, Point, make_area
 from jezero.services.actions.area_coverage.coverage_plan import CoveragePlan, plan_coverage
@@ -16,7 +17,6 @@ from jezero.services.actions.area_coverage.ground import CoveredGround
 from jezero.services.actions.area_coverage.path import covered_fraction, plan_path
 from jezero.services.actions.area_coverage.trajectory import Trajectory, make_trajectory, picture_distances
 from jezero.services.actions.config import ActionsConfig
-from jezero.vehicle_config import CameraMountConfig, VehicleConfig
 
 THESIS: tuple[Point, ...] = ((0, 0), (3, 5), (7, 4), (7, 2), (4, 1), (3, 2), (0, 0))
 SQUARE: tuple[Point, ...] = ((0, 0), (4, 0), (4, 4), (0, 4))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from shapely.geometry import box
 
+from jezero.base.vehicle_config import CameraMountConfig
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, PlanReply, Rejected, Result
 from jezero.schemas.goals import AreaCoverageGoal
@@ -15,7 +16,6 @@ from jezero.services.actions.area_coverage.area import AreaError
 from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
 from jezero.services.actions.area_coverage.ground import photographed_fraction, planned_footprint
 from jezero.services.actions.config import ActionsConfig
-from jezero.vehicle_config import CameraMountConfig
 from tests.services.actions.fake_camera import FakeCamera
 from tests.services.actions.rig import World
 

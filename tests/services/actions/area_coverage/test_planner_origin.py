@@ -5,7 +5,7 @@ from math import nan
 import msgspec
 import pytest
 
-from jezero.frames import Vec3, geodetic_from_ned
+from jezero.base.frames import Vec3, geodetic_from_ned
 from jezero.schemas.goals import AreaCoverageGoal
 from jezero.schemas.state import Odometry, Status
 from jezero.services.actions.area_coverage.planner import AreaCoveragePlanner

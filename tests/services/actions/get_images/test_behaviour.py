@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from jezero.frames import Vec3, frd_from_camera, quat_from_euler, quat_rotate, subtract, wrap_pi
+from jezero.base.frames import Vec3, frd_from_camera, quat_from_euler, quat_rotate, subtract, wrap_pi
 from jezero.schemas.commands import Phase
 from jezero.schemas.estimate import Relative
 from jezero.schemas.goals import GetImagesGoal, ImagesFeedback

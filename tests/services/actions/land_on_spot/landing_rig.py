@@ -4,7 +4,7 @@ from collections.abc import Callable
 from math import cos, hypot, sin
 from random import Random
 
-from jezero.frames import Quat, Vec3, add, scale, subtract
+from jezero.base.frames import Quat, Vec3, add, scale, subtract
 from jezero.schemas.estimate import Relative, RoverEstimate
 from jezero.schemas.goals import LandOnSpotGoal
 from jezero.services.actions.config import ActionsConfig

@@ -5,7 +5,8 @@ from math import cos, degrees, radians, sin
 import msgspec
 import pytest
 
-from jezero.frames import Quat
+from jezero.base.frames import Quat
+from jezero.base.vehicle_config import AirframeConfig
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.land_on_spot.contact import (
     LEAN_S,
@@ -21,7 +22,6 @@ from jezero.services.actions.land_on_spot.contact import (
     level_acc_ned_mps2,
 )
 from jezero.services.actions.motion.behaviour import VehicleState
-from jezero.vehicle_config import AirframeConfig
 
 ROOM_M = 0.3
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)

@@ -4,7 +4,7 @@ from math import hypot
 
 import pytest
 
-from jezero.frames import add
+from jezero.base.frames import add
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.land_on_spot.config import LandingBoundsConfig
 from jezero.services.actions.land_on_spot.landing_watch import (

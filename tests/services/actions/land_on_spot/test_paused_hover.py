@@ -6,7 +6,7 @@ from math import hypot
 import pytest
 from msgspec.structs import replace
 
-from jezero.frames import altitude_m, distance, norm, subtract
+from jezero.base.frames import altitude_m, distance, norm, subtract
 from jezero.services.actions.land_on_spot.rover_landing import RoverLanding
 from jezero.services.actions.lifecycle.pause_control import PauseControl
 from jezero.services.actions.motion.behaviour import Behaviour, Done, Move, VehicleState, pause_refusal_of

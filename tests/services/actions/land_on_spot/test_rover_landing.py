@@ -5,7 +5,7 @@ from math import hypot, pi
 
 import pytest
 
-from jezero.frames import add, altitude_m, subtract
+from jezero.base.frames import add, altitude_m, subtract
 from jezero.schemas.goals import LandOnSpotGoal
 from jezero.services.actions.land_on_spot.contact import FORCE_S
 from jezero.services.actions.land_on_spot.planner import ACTION as LAND_ON_SPOT

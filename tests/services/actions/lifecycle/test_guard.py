@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from jezero.frames import Vec3
+from jezero.base.frames import Vec3
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import GoToGoal, MoveFeedback, MoveResult
 from jezero.schemas.state import Status, StatusCode

@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from jezero.frames import Vec3, subtract
+from jezero.base.frames import Vec3, subtract
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.runtime.service import Inbox, Output, Publish, Reply, Spec
 from jezero.schemas import topics

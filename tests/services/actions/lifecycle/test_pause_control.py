@@ -4,7 +4,7 @@ from math import cos, sin
 
 import pytest
 
-from jezero.frames import Vec3, add, distance, scale
+from jezero.base.frames import Vec3, add, distance, scale
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import MoveFeedback
 from jezero.schemas.state import StatusCode

@@ -6,14 +6,14 @@ from math import radians, sin
 import pytest
 from msgspec.structs import replace
 
-from jezero.frames import Vec3, distance, quat_from_euler
+from jezero.base.frames import Vec3, distance, quat_from_euler
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.schemas.actions import Result
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import Goal, GoToGoal, MoveFeedback
 from jezero.schemas.state import Odometry
 from jezero.services.actions.lifecycle.protection import GroundProximity, ResetWatch, RunawayDetector
 from jezero.services.actions.motion.behaviour import Move, MovingFrame, VehicleState
-from jezero.vehicle_config import VehicleConfig
 from tests.services.actions.fake_camera import FakeCamera
 from tests.services.actions.lifecycle.test_server_plans import CIRCLE, FIELD, SPOT
 from tests.services.actions.rig import World

@@ -2,11 +2,11 @@
 
 import pytest
 
+from jezero.base.vehicle_config import BatteryConfig
 from jezero.schemas.actions import Rejected
 from jezero.schemas.goals import GoToGoal, LandOnSpotGoal, TakeoffGoal
 from jezero.schemas.state import Battery
 from jezero.services.actions.lifecycle.protection import battery_refusal
-from jezero.vehicle_config import BatteryConfig
 from tests.services.actions.fake_camera import FakeCamera
 from tests.services.actions.lifecycle.test_server_plans import CIRCLE, FIELD, SPOT, plan
 from tests.services.actions.rig import World

@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from jezero.codec import decode
+from jezero.base.codec import decode
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.runtime.node import Node
 from jezero.schemas import topics

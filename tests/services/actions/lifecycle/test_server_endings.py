@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jezero.codec import decode, encode
+from jezero.base.codec import decode, encode
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, Cancel, Rejected, Result

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from jezero.frames import distance, norm
+from jezero.base.frames import distance, norm
 from jezero.runtime.service import BackgroundTask, CancelTask, Output, Reply, Response
 from jezero.schemas import topics
 from jezero.schemas.actions import Feedback, GetRunning, Modify, ModifyReply, Pause

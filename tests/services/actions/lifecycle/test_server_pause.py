@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from jezero.frames import distance, norm, subtract
+from jezero.base.frames import distance, norm, subtract
 from jezero.schemas import topics
 from jezero.schemas.actions import Cancel, Feedback, Pause, PauseReply, Resume, ResumeReply
 from jezero.schemas.commands import Setpoint

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from jezero.frames import Vec3
+from jezero.base.frames import Vec3
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.schemas.actions import Accepted, Feedback, Rejected, Result
 from jezero.schemas.commands import Phase

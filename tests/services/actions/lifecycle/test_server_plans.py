@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from jezero.frames import distance
+from jezero.base.frames import distance
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, Feedback, PlanReply, Rejected, Result
 from jezero.schemas.goals import AreaCoverageGoal, GetImagesGoal, Goal, GoToGoal, LandOnSpotGoal, TakeoffGoal

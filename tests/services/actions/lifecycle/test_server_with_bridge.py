@@ -5,9 +5,10 @@ from typing import Any
 
 import pytest
 
-from jezero.codec import decode
-from jezero.frames import Vec3
-from jezero.mavlink import dialect
+from jezero.base.codec import decode
+from jezero.base.frames import Vec3
+from jezero.base.mavlink import dialect
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.memory_bus import UDP_DELAY, MemoryBus, SentRequest
 from jezero.runtime.service import Inbox, Output, Publish, Send, Spec
 from jezero.schemas import topics
@@ -20,7 +21,6 @@ from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.table import DECLARATIONS, action_server
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.service import VehicleBridge
-from jezero.vehicle_config import VehicleConfig
 from tests.services.actions.fake_bridge import follow
 from tests.services.vehicle_bridge.rig import FakeAutopilot
 

@@ -5,7 +5,7 @@ from math import cos, pi, sin
 
 import pytest
 
-from jezero.frames import Vec3
+from jezero.base.frames import Vec3
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.motion.arrival import HOVER_S, ArrivalDetector
 from jezero.services.actions.motion.config import MoveConfig

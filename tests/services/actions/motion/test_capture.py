@@ -7,8 +7,9 @@ from queue import SimpleQueue
 
 import pytest
 
-from jezero.codec import encode
-from jezero.frames import geodetic_from_ned, quat_from_euler
+from jezero.base.codec import encode
+from jezero.base.frames import geodetic_from_ned, quat_from_euler
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.node import Mailbox
 from jezero.runtime.process import Worker
 from jezero.schemas import topics
@@ -19,7 +20,6 @@ from jezero.schemas.struct import Message
 from jezero.services.actions.lifecycle.picture_store import PictureStore
 from jezero.services.actions.motion.capture import Capture, Shot
 from jezero.services.actions.motion.config import CaptureConfig
-from jezero.vehicle_config import VehicleConfig
 from tests.services.actions.fake_camera import frame, gnss, imu, info
 
 MS = 1_000_000

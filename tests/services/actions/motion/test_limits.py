@@ -4,7 +4,8 @@ from typing import Any
 
 import pytest
 
-from jezero.frames import Vec3
+from jezero.base.frames import Vec3
+from jezero.base.vehicle_config import VehicleLimitsConfig
 from jezero.schemas.goals import AreaCoverageGoal, GetImagesGoal, GoToGoal, TakeoffGoal
 from jezero.services.actions.area_coverage.planner import ACTION as AREA_COVERAGE
 from jezero.services.actions.get_images.planner import ACTION as GET_IMAGES
@@ -12,7 +13,6 @@ from jezero.services.actions.go_to import ACTION as GO_TO
 from jezero.services.actions.lifecycle.declaration import ActionDeclaration
 from jezero.services.actions.motion.limits import point_refusal
 from jezero.services.actions.takeoff import ACTION as TAKEOFF
-from jezero.vehicle_config import VehicleLimitsConfig
 from tests.services.actions.test_behaviours import refusal_of
 
 LOW = -0.3

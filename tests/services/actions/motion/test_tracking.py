@@ -4,7 +4,7 @@ from math import cos, hypot, sin
 
 import pytest
 
-from jezero.frames import Vec3, add, scale, subtract
+from jezero.base.frames import Vec3, add, scale, subtract
 from jezero.services.actions.motion.behaviour import VehicleState
 from jezero.services.actions.motion.config import TrackingConfig
 from jezero.services.actions.motion.straight_path import TimedStraightPath

@@ -2,7 +2,7 @@
 
 from msgspec.structs import replace
 
-from jezero.frames import Vec3
+from jezero.base.frames import Vec3
 from jezero.schemas.estimate import RoverEstimate
 from jezero.schemas.fence import Fence, Zone
 from jezero.schemas.goals import ReturnHomeGoal, ReturnResult

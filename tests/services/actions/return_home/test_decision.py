@@ -3,7 +3,7 @@
 import pytest
 from msgspec.structs import replace
 
-from jezero.frames import Vec3
+from jezero.base.frames import Vec3
 from jezero.schemas.fence import Fence, Zone
 from jezero.schemas.goals import ReturnHomeGoal
 from jezero.schemas.state import Battery

@@ -3,10 +3,10 @@
 import pytest
 from msgspec.structs import replace
 
-from jezero.frames import Vec3
+from jezero.base.frames import Vec3
+from jezero.base.vehicle_config import VehicleLimitsConfig
 from jezero.schemas.estimate import RoverEstimate
 from jezero.services.actions.return_home.decision import Place, ground_places, rover_place
-from jezero.vehicle_config import VehicleLimitsConfig
 
 HERE = (30.0, 40.0, -10.0)
 LIMITS = VehicleLimitsConfig()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from jezero.frames import (
+from jezero.base.frames import (
     Quat,
     Vec3,
     q_frd_from_camera,
@@ -19,6 +19,7 @@ from jezero.frames import (
     rotate_yaw,
     subtract,
 )
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.memory_bus import NO_DELAY, MemoryBus
 from jezero.runtime.service import Inbox, Output, Publish, Spec
 from jezero.schemas import topics
@@ -34,7 +35,6 @@ from jezero.services.estimator.tag_detector.config import TagDetectorConfig
 from jezero.services.estimator.tag_detector.finder import Finder
 from jezero.services.estimator.tag_detector.pose import Array, View, make_view, solve
 from jezero.services.estimator.tag_detector.service import TagDetector, corners_by_id, locate
-from jezero.vehicle_config import VehicleConfig
 
 Grey = NDArray[np.uint8]
 WIDTH_PX, HEIGHT_PX = 640, 480
@@ -288,7 +288,7 @@ def test_the_estimate_is_that_of_the_exposure_with_the_attitude_of_that_time() -
 
     def observe(t_ns: int, topic: str, data: bytes) -> None:
         if topic == topics.ESTIMATE_TAG.name:
-            from jezero.codec import decode
+            from jezero.base.codec import decode
 
             estimates.append(decode(TagEstimate, data))
 

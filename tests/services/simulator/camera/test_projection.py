@@ -7,7 +7,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from jezero.frames import Vec3, quat_from_euler
+from jezero.base.frames import Vec3, quat_from_euler
+from jezero.base.vehicle_config import CameraMountConfig
 from jezero.schemas.landing_board import BIG_ID, make_board
 from jezero.schemas.state import Scene
 from jezero.services.simulator.camera.config import ProjectionConfig
@@ -21,7 +22,6 @@ from jezero.services.simulator.camera.detections import (
 )
 from jezero.services.simulator.camera.sun import shadow_of
 from jezero.services.simulator.camera.view import View, project, view_of
-from jezero.vehicle_config import CameraMountConfig
 
 LANDING_BOARD = make_board()
 CAMERA = CameraMountConfig(pos_camera_frd_m=(0.0, 0.0, 0.0))

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from jezero.frames import Vec3, quat_from_euler
+from jezero.base.frames import Vec3, quat_from_euler
+from jezero.base.vehicle_config import PlatformConfig, VehicleConfig
 from jezero.schemas.landing_board import BIG_ID
 from jezero.schemas.state import Scene
 from jezero.services.simulator.camera.board import TEXELS_PER_M, board_picture
@@ -23,7 +24,6 @@ from jezero.services.simulator.camera.service import NoEglError, Renderer
 from jezero.services.simulator.camera.tiny_renderer import TinyRenderer
 from jezero.services.simulator.camera.view import View, view_of
 from jezero.services.simulator.config import RoverConfig, SimulatorConfig
-from jezero.vehicle_config import PlatformConfig, VehicleConfig
 
 Image = npt.NDArray[np.uint8]
 CONFIG = CameraConfig(std_pixel=0.0)

@@ -6,7 +6,8 @@ from math import dist, pi
 
 import pytest
 
-from jezero.runtime.config import load_config
+from jezero.base.config import load_config
+from jezero.base.vehicle_config import CameraMountConfig, VehicleConfig
 from jezero.runtime.memory_bus import NO_DELAY, MemoryBus
 from jezero.runtime.service import Inbox, Output, Publish, Spec
 from jezero.schemas import topics
@@ -20,7 +21,6 @@ from jezero.services.simulator.camera.making import make_camera
 from jezero.services.simulator.camera.service import Camera
 from jezero.services.simulator.camera.view import View
 from jezero.services.simulator.config import SimulatorConfig
-from jezero.vehicle_config import CameraMountConfig, VehicleConfig
 
 MS = 1_000_000
 CONFIG = CameraConfig(mode="projected")
@@ -112,7 +112,7 @@ def published(camera: Camera, seconds: float) -> dict[str, list[tuple[int, bytes
 
 
 def decoded(kind: type, entries: list[tuple[int, bytes]]) -> list[tuple[int, object]]:
-    from jezero.codec import decode
+    from jezero.base.codec import decode
 
     return [(t_ns, decode(kind, data)) for t_ns, data in entries]
 

@@ -12,7 +12,7 @@ from typing import Any, get_args, get_type_hints
 
 import msgspec
 
-from jezero.plain_text import plain, plain_json
+from jezero.base.plain_text import plain, plain_json
 from jezero.schemas.struct import Payload, WithAttachment, WithReadings
 
 MAX_JSON_BYTES = 4_000_000

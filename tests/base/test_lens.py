@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from jezero.lens import distort, fold_radius, undistort
+from jezero.base.lens import distort, fold_radius, undistort
+from jezero.base.vehicle_config import CameraMountConfig
 from jezero.schemas.sensors import NO_DISTORTION, Distortion
-from jezero.vehicle_config import CameraMountConfig
 
 BARREL: Distortion = (-0.28, 0.08, 0.001, -0.002, -0.01)
 PINCUSHION: Distortion = (0.12, 0.02, 0.0, 0.003, 0.0)

@@ -6,7 +6,7 @@ from typing import Any
 
 import zenoh
 
-from jezero.codec import join_attachment, split_attachment
+from jezero.base.codec import join_attachment, split_attachment
 
 LINK_SETTINGS: Mapping[str, Any] = {
     "scouting/multicast/enabled": False,

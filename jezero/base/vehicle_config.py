@@ -6,12 +6,13 @@ down. The errors of the sensors and the simulated world are in the services' own
 """
 
 from math import hypot, radians, sqrt, tan
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 from msgspec import Meta
 
-from jezero.lens import image_radius
-from jezero.runtime.config import Config
+from jezero.base.config import Config
+from jezero.base.frames import Vec3, subtract
+from jezero.base.lens import image_radius
 from jezero.schemas.landing_board import BoardTag, board_refusal, make_board
 from jezero.schemas.sensors import NO_DISTORTION, CameraInfo, Distortion
 from jezero.schemas.units import GRAVITY_MPS2
@@ -312,3 +313,31 @@ class VehicleConfig(Config, frozen=True, kw_only=True):
     def height_altimeter_m(self) -> float:
         """Height of the altimeter's lens when the vehicle stands."""
         return self.airframe.height_stand_m - self.altimeter.pos_altimeter_frd_m[2]
+
+
+class FlightCost(NamedTuple):
+    """Time of a flight, and what the flight takes from the battery.
+
+    Attributes:
+        time_s: of the flight.
+        hover_s: time in hover, in still air, that uses the same charge.
+    """
+
+    time_s: float
+    hover_s: float
+
+    def plus(self, other: "FlightCost") -> "FlightCost":
+        """Both flights, one after the other."""
+        return FlightCost(self.time_s + other.time_s, self.hover_s + other.hover_s)
+
+
+def flight_cost(time_s: float, vel_ned_mps: Vec3, wind_ned_mps: Vec3, vehicle: VehicleConfig) -> FlightCost:
+    """Cost of a steady flight, or of a hover in the wind.
+
+    Args:
+        vel_ned_mps: velocity over ground.
+    """
+    battery, (north_mps, east_mps, _) = vehicle.battery, subtract(vel_ned_mps, wind_ned_mps)
+    hover_a = battery.electronics_a + battery.hover_a
+    flight_a = battery.electronics_a + battery.hover_a * vehicle.airframe.power_ratio(hypot(north_mps, east_mps))
+    return FlightCost(time_s, time_s * flight_a / hover_a if hover_a > 0.0 else time_s)

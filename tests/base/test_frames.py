@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pyproj import Proj
 
-from jezero import frames
-from jezero.frames import Quat, Vec3
+from jezero.base import frames
+from jezero.base.frames import Quat, Vec3
 
 angles = st.floats(-3.1, 3.1)
 numbers = st.floats(-1e3, 1e3)

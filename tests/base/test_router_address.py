@@ -2,7 +2,7 @@
 
 import pytest
 
-from jezero.router_address import RouterAddress, insecurity, is_on_this_computer, parse_router, shown_router
+from jezero.base.router_address import RouterAddress, insecurity, is_on_this_computer, parse_router, shown_router
 
 
 @pytest.mark.parametrize(

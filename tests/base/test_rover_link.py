@@ -2,8 +2,9 @@
 
 import pytest
 
-from jezero.rover_link import LINE_MAX_BYTES, MessageLines, line_of
-from jezero.runtime.config import ConfigError, Instance, checked_host
+from jezero.base.config import ConfigError
+from jezero.base.rover_link import LINE_MAX_BYTES, MessageLines, line_of
+from jezero.runtime.instance import Instance, checked_host
 from jezero.runtime.node import LINK_BYTES_MAX, Mailbox
 from jezero.schemas.commands import RoverCommand
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jezero.codec import (
+from jezero.base.codec import (
     MAX_JSON_BYTES,
     BadPayloadError,
     NotFiniteError,

@@ -12,11 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jezero import Vehicle
+from jezero.base.codec import decode, decode_request, encode
+from jezero.base.plain_text import SHOWN, plain, plain_json
 from jezero.cli.main import main
-from jezero.codec import decode, decode_request, encode
 from jezero.deploy.launcher.output import Output
 from jezero.deploy.launcher.state import RunFolder
-from jezero.plain_text import SHOWN, plain, plain_json
 from jezero.recording import open_recording
 from jezero.recording.writer import RecordingWriter
 from jezero.runtime.memory_bus import MemoryBus

@@ -5,7 +5,7 @@ The simulator sends `RoverOdometry`, the rover's computer sends `RoverCommand`, 
 
 from typing import Generic, TypeVar
 
-from jezero.codec import BadPayloadError, decode, encode
+from jezero.base.codec import BadPayloadError, decode, encode
 from jezero.schemas.struct import Message
 
 LINE_MAX_BYTES = 4096

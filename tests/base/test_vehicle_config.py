@@ -9,9 +9,18 @@ import msgspec
 import numpy as np
 import pytest
 
-from jezero.codec import decode
-from jezero.frames import Vec3, add, quat_rotate, subtract
-from jezero.runtime.config import ConfigError, load_config
+from jezero.base.codec import decode
+from jezero.base.config import ConfigError, load_config
+from jezero.base.frames import Vec3, add, quat_rotate, subtract
+from jezero.base.vehicle_config import (
+    AirframeConfig,
+    BatteryConfig,
+    CameraMountConfig,
+    PlatformConfig,
+    UwbLayoutConfig,
+    VehicleConfig,
+    VehicleLimitsConfig,
+)
 from jezero.runtime.memory_bus import NO_DELAY, MemoryBus
 from jezero.runtime.service import Inbox, Output, Publish, Service, Spec
 from jezero.schemas import topics
@@ -47,15 +56,6 @@ from jezero.services.simulator.config import SimulatorConfig, UwbConfig
 from jezero.services.simulator.service import Simulator
 from jezero.services.vehicle_bridge.admission import force_disarm_refusal
 from jezero.services.vehicle_bridge.vehicle import VehicleSnapshot
-from jezero.vehicle_config import (
-    AirframeConfig,
-    BatteryConfig,
-    CameraMountConfig,
-    PlatformConfig,
-    UwbLayoutConfig,
-    VehicleConfig,
-    VehicleLimitsConfig,
-)
 
 Arrivals = list[tuple[int, Topic[Any], Message]]
 MS = 1_000_000

@@ -4,8 +4,8 @@ from math import isclose
 
 import pytest
 
-from jezero.fence import nearest, outside_reason, placed, point_inside, way_refusal
-from jezero.frames import Vec3
+from jezero.base.fence import nearest, outside_reason, placed, point_inside, way_refusal
+from jezero.base.frames import Vec3
 from jezero.schemas.fence import Fence, Zone
 
 SQUARE = Zone(name="field", corners_ned_m=((-10.0, -10.0), (10.0, -10.0), (10.0, 10.0), (-10.0, 10.0)))

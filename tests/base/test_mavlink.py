@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jezero.mavlink import FieldReader, FramePacker, MavlinkCodec, Signing, dialect
+from jezero.base.mavlink import FieldReader, FramePacker, MavlinkCodec, Signing, dialect
 
 
 class Sink:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from jezero.camera_preview import SIDE_MAX_PX, preview_of
-from jezero.codec import BadPayloadError, decode, encode, join_attachment, split_attachment
+from jezero.base.camera_preview import SIDE_MAX_PX, preview_of
+from jezero.base.codec import BadPayloadError, decode, encode, join_attachment, split_attachment
 from jezero.schemas.sensors import PREVIEW_MAX_BYTES, CameraFrame, CameraPreview
 
 RED, GREEN, BLUE, WHITE = (200, 30, 30), (30, 160, 30), (30, 30, 200), (230, 230, 230)

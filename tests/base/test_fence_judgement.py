@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import pytest
 
-from jezero.fence import fence_doubts, fence_refusal, joined, places_outside, zone_refusal
-from jezero.frames import geodetic_from_ned
+from jezero.base.fence import fence_doubts, fence_refusal, joined, places_outside, zone_refusal
+from jezero.base.frames import geodetic_from_ned
 from jezero.schemas.fence import Fence, Zone
 
 ORIGIN_DEG = (47.397742, 8.545594, 488.0)

@@ -12,7 +12,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from jezero.frames import Vec3, altitude_m, ned_from_geodetic, z_ned_m
+from jezero.base.frames import Vec3, altitude_m, ned_from_geodetic, z_ned_m
 from jezero.schemas.fence import Fence, Zone
 
 Point = tuple[float, float]
