@@ -34,9 +34,13 @@ def add_at(team: Team, days_from_now: int, role: Role, name: str) -> Path:
     return then.bundle(then.add(role, name).name)
 
 
+TRIES = 5
+
+
 def free_port() -> int:
+    """A port that is free on all addresses of this computer."""
     with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
+        probe.bind(("0.0.0.0", 0))
         return int(probe.getsockname()[1])
 
 
@@ -45,11 +49,22 @@ def router(
     bundle: Path, settings: Mapping[str, Any] | None = None, port: int | None = None
 ) -> Iterator[tuple[int, zenoh.Session]]:
     """A router that listens with a bundle on all addresses of the loopback; its port and session."""
-    port = port or free_port()
-    endpoint = secured(f"tls/0.0.0.0:{port}", bundle)
-    config = config_of({**ROUTER_SETTINGS, "listen/endpoints": [endpoint], **(settings or {})})
-    with zenoh.open(config) as session:
+    port, session = _listening(bundle, settings or {}, port)
+    with session:
         yield port, session
+
+
+def _listening(bundle: Path, settings: Mapping[str, Any], port: int | None) -> tuple[int, zenoh.Session]:
+    """Open a router at a port, or at a free one: another process may take that between its choice and its use."""
+    for tries_left in reversed(range(TRIES)):
+        chosen = port or free_port()
+        endpoint = secured(f"tls/0.0.0.0:{chosen}", bundle)
+        try:
+            return chosen, zenoh.open(config_of({**ROUTER_SETTINGS, "listen/endpoints": [endpoint], **settings}))
+        except zenoh.ZError:
+            if port is not None or not tries_left:
+                raise
+    raise AssertionError("unreachable")
 
 
 def access_control(allowed: tuple[str, ...], keys: str) -> dict[str, Any]:
