@@ -500,29 +500,32 @@ class _Input:
 
 
 class _JournaledTransport:
-    """Writes a service's outputs into its journal, and hands them on to another transport."""
+    """Hands a service's outputs on to another transport, and writes them into its journal.
+
+    Messages are sent first, as their receivers wait for them.
+    """
 
     def __init__(self, transport: Transport, journal: Journal) -> None:
         self._transport = transport
         self._journal = journal
 
     def publish(self, topic: Topic[Any], data: bytes) -> None:
+        self._transport.publish(topic, data)
         message, checksum = content_of(data)
         self._journal.add(entries.Published(topic.name, message, checksum), len(message))
-        self._transport.publish(topic, data)
 
     def reply(self, request_id: int, data: bytes | None, *, final: bool) -> None:
+        self._transport.reply(request_id, data, final=final)
         message, checksum = (NULL, None) if data is None else content_of(data)
         self._journal.add(entries.Replied(request_id, message, final, checksum), len(message))
-        self._transport.reply(request_id, data, final=final)
 
     def call(self, endpoint: Endpoint[Any, Any], data: bytes, call_id: str, timeout_s: float) -> None:
-        self._journal.add(entries.Called(endpoint.name, call_id, Raw(data)), len(data))
         self._transport.call(endpoint, data, call_id, timeout_s)
+        self._journal.add(entries.Called(endpoint.name, call_id, Raw(data)), len(data))
 
     def send(self, link: str, data: bytes) -> None:
-        self._journal.add(entries.Sent(link, data), len(data))
         self._transport.send(link, data)
+        self._journal.add(entries.Sent(link, data), len(data))
 
     def subscribe(self, names: frozenset[str]) -> None:
         self._journal.add(entries.Changed("subscriptions", " ".join(sorted(names))))
