@@ -12,7 +12,6 @@ from msgspec import Meta
 
 from jezero.base.config import Config
 from jezero.base.frames import Vec3, subtract
-from jezero.base.lens import image_radius
 from jezero.schemas.landing_board import BoardTag, board_refusal, make_board
 from jezero.schemas.sensors import NO_DISTORTION, CameraInfo, Distortion
 from jezero.schemas.units import GRAVITY_MPS2
@@ -59,6 +58,10 @@ class CameraMountConfig(Config, frozen=True, kw_only=True):
     distortion: Distortion = NO_DISTORTION
 
     def __post_init__(self) -> None:
+        if not any(self.distortion):
+            return
+        from jezero.base.lens import image_radius  # numpy, which most services start faster without
+
         corner_radius = hypot(0.5 * self.width_px, 0.5 * self.height_px) / self.focal_px
         share = image_radius(self.distortion) / corner_radius
         if share < 1.0:

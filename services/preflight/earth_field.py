@@ -3,8 +3,6 @@
 from math import radians
 from typing import NamedTuple
 
-from pymavlink.mavextra import get_mag_field_ef
-
 from jezero.base.frames import Vec3
 
 
@@ -22,6 +20,8 @@ class EarthField(NamedTuple):
 
 def earth_field(position_deg: Vec3) -> EarthField | None:
     """The field at a place; None where the tables end, near the poles."""
+    from pymavlink.mavextra import get_mag_field_ef  # it takes longer to import than the rest of the service
+
     latitude_deg, longitude_deg, _ = position_deg
     found = get_mag_field_ef(latitude_deg, longitude_deg)
     if found is None:
