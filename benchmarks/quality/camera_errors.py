@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 from scipy.optimize import minimize
 
+from jezero.base.arrays import Array
 from jezero.base.config import load_config
 from jezero.base.frames import quat_from_euler
 from jezero.base.vehicle_config import VehicleConfig
@@ -33,7 +34,7 @@ from jezero.services.simulator.camera.detections import (
 )
 from jezero.services.simulator.camera.making import make_renderer
 from jezero.services.simulator.camera.service import Renderer
-from jezero.services.simulator.camera.view import Array, view_of
+from jezero.services.simulator.camera.view import view_of
 from jezero.services.simulator.config import SimulatorConfig
 
 SIZES_PX = (0, 12, 16, 20, 24, 28, 32, 40, 60, 100, 200, 1000)

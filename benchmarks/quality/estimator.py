@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.quality.estimator_flight import Conditions, EstimatorFlight
+from jezero.base.arrays import Array
 from jezero.base.config import load_config
 from jezero.base.frames import norm
 from jezero.base.vehicle_config import VehicleConfig
@@ -33,7 +33,6 @@ SETTLED_S = 3.0
 """Time of hover before the evaluation begins."""
 HIDDEN_S = ((3.0, 4.0), (6.0, 7.0))
 AS_SHIPPED = Conditions()
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.quality.covering import Covering
+from jezero.base.arrays import Array
 from jezero.base.config import load_config
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.mapping.making import Map, make_map
@@ -22,7 +23,6 @@ from jezero.schemas.goals import AreaCoverageGoal
 from jezero.services.simulator.camera.orthophoto import make_orthophoto
 from jezero.services.simulator.config import SimulatorConfig
 
-Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
 SOUTH_M, NORTH_M, WEST_M, EAST_M = 1.0, 7.0, -3.0, 3.0
 M_PER_PX = 0.02

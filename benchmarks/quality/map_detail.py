@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from jezero.base.arrays import Array
 from jezero.base.config import load_config
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.mapping.alignment import align
@@ -21,7 +22,6 @@ from jezero.mapping.matching import find_matches
 from jezero.mapping.projection import Grid, project
 from jezero.mapping.survey import read_survey
 
-Array = NDArray[np.float64]
 PATCH_M = 1.0
 
 

@@ -12,8 +12,8 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
+from jezero.base.arrays import Array
 from jezero.base.config import load_config
 from jezero.base.frames import (
     Vec3,
@@ -42,7 +42,6 @@ from jezero.services.simulator.camera.view import View
 from jezero.services.simulator.config import SimulatorConfig, WindConfig
 from jezero.trials.stack import RoverDriver, boot_id, service_makers, wired_bus
 
-Array = NDArray[np.float64]
 WIND = WindConfig(mean_mps=3.0, from_deg=250.0, std_gust_mps=0.6)
 RADIUS_M = 2.0
 HEIGHT_NED_M = -4.0

@@ -5,11 +5,10 @@ from math import inf, sqrt
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jezero.base.arrays import Array
 from jezero.schemas.sensors import Distortion
 
-Array = NDArray[np.float64]
 ITERATIONS = 20
 NOT_FOUND_MIN = 1e-3
 """An iteration that is still this far from its point, at unit distance, has not found it."""

@@ -11,11 +11,11 @@ import scipy.sparse
 import scipy.sparse.linalg
 from numpy.typing import NDArray
 
+from jezero.base.arrays import Array
 from jezero.mapping.ground import Ground
 from jezero.mapping.matching import Matches, group_images
 from jezero.mapping.survey import Survey
 
-Array = NDArray[np.float64]
 STD_MATCH_M = 0.02
 HUBER_M = 0.04
 STD_PLACE_M = 0.5

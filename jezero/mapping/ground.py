@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from jezero.base.arrays import Array
+
 Singles = NDArray[np.float32]
 REACH_M = 2.5
 """Correlation length of the deviations."""

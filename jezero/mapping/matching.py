@@ -9,10 +9,10 @@ import scipy.sparse
 import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
+from jezero.base.arrays import Array
 from jezero.mapping.ground import Ground
 from jezero.mapping.survey import Survey
 
-Array = NDArray[np.float64]
 FEATURES_MAX = 1200
 NEIGHBOURS_MAX = 8
 APART_MAX = 0.8

@@ -6,9 +6,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from jezero.base.arrays import Array
 from jezero.base.lens import distort
 from jezero.mapping.ground import Ground
-from jezero.mapping.survey import Array, Survey, SurveyError
+from jezero.mapping.survey import Survey, SurveyError
 
 Field = NDArray[np.float32]
 Place = tuple[slice, slice]

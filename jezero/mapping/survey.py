@@ -10,12 +10,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from jezero.base.arrays import Array
 from jezero.base.frames import Vec3, add, ned_from_geodetic, origin_from, quat_rotate, subtract
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.schemas.images import LISTING, Image
 from jezero.schemas.sensors import Distortion
 
-Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
 NORM_ERROR_MAX = 0.01
 """Of quaternions, which other programs may have rounded."""

@@ -5,15 +5,13 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-import numpy.typing as npt
 
+from jezero.base.arrays import Array
 from jezero.base.frames import subtract
 from jezero.recording import Recording
 from jezero.schemas.estimate import Relative
 from jezero.schemas.state import Truth
 from jezero.schemas.topics import RELATIVE, TRUTH
-
-Array = npt.NDArray[np.float64]
 
 
 class Errors(msgspec.Struct, frozen=True):

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
-import numpy.typing as npt
 
+from jezero.base.arrays import Array
 from jezero.base.frames import Vec3
 from jezero.report.style import BLUE, GREEN, GREY, ORANGE, PINK, WIDTH_IN, Format, draw
 from jezero.schemas.actions import PlannedCoverage
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from jezero.services.actions.area_coverage.coverage_plan import CoveragePlan
 
-Array = npt.NDArray[np.float64]
 GROUND, EDGE = "#efe6db", "0.25"
 ARROWS = 6
 

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from jezero.report.landings import Array, Landing, Series
+from jezero.base.arrays import Array
+from jezero.report.landings import Landing, Series
 from jezero.report.style import (
     BAND,
     ESTIMATE,

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from jezero.base.arrays import Array
 from jezero.base.config import load_config
 from jezero.base.frames import Vec3, add, quat_from_euler, quat_rotate, rotate_yaw, subtract
 from jezero.base.vehicle_config import VehicleConfig
@@ -21,7 +22,6 @@ from jezero.schemas.state import Odometry, StatusCode, Truth
 from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.trilateration import trilaterate
 
-Array = npt.NDArray[np.float64]
 VARIANCES = (0, 6, 11)
 """Indices of the position's variances in the upper triangle of a 6 x 6 covariance."""
 AFTER_NS = 1_000_000_000

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from jezero.base.arrays import Array
 from jezero.base.config import load_config
 from jezero.base.vehicle_config import VehicleConfig
-from jezero.report.landings import Array, Landing
+from jezero.report.landings import Landing
 from jezero.report.style import BLUE, GREEN, ORANGE, Format, draw, legend_above
 from jezero.services.simulator.camera.board import board_picture
 

@@ -5,8 +5,8 @@ from typing import Any
 
 import msgspec
 import numpy as np
-import numpy.typing as npt
 
+from jezero.base.arrays import Array
 from jezero.services.estimator.innovations import Innovation
 from jezero.tuning.statistics import (
     ConsistentSetting,
@@ -16,8 +16,6 @@ from jezero.tuning.statistics import (
     effective_count,
     significant_correlations,
 )
-
-Array = npt.NDArray[np.float64]
 
 COUNT_MIN = 30
 """A sensor with fewer innovations is not judged."""

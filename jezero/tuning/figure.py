@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from jezero.base.arrays import Array
 from jezero.report.style import BAND, BLUE, GREEN, GREY, ORANGE, draw, legend_above
 from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.innovations import Innovation
@@ -19,7 +20,6 @@ from jezero.tuning.tuner import SensorTuning, TuningResult
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = npt.NDArray[np.float64]
 
 SIGMAS = 2.0
 GAP_S = 1.0

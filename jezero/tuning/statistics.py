@@ -8,9 +8,8 @@ from math import exp, log, sqrt
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from jezero.base.arrays import Array
 
 CONFIDENCE = 0.95
 MEDIAN_OF_CHI2 = 0.454936

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from math import atan2, cos, degrees, dist, hypot, inf, sin, sqrt
 from statistics import median
 
+from jezero.base.arrays import Array
 from jezero.base.frames import Vec3, rotate_yaw
 from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.kalman import Kalman
@@ -15,7 +16,7 @@ from jezero.services.estimator.measurements import (
     TagMeasurement,
     UwbMeasurement,
 )
-from jezero.services.estimator.motion import VEL_ROVER, VEL_UAV, YAW, Array
+from jezero.services.estimator.motion import VEL_ROVER, VEL_UAV, YAW
 from jezero.services.estimator.motion_check import MotionCheck, Sample
 from jezero.services.estimator.trilateration import ANCHORS_MIN
 from jezero.services.estimator.uwb_initialization import UwbWindow

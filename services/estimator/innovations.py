@@ -7,7 +7,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from jezero.base.arrays import Array
+
 Sensor = Literal[
     "uwb",
     "tag",

@@ -8,9 +8,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from jezero.base.arrays import Array
 from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.innovations import Innovation, Observer, Sensor
-from jezero.services.estimator.motion import COMPASS_BIAS, IDENTITY, POS_ROVER, POS_UAV, SIZE, YAW, Array, MotionModel
+from jezero.services.estimator.motion import COMPASS_BIAS, IDENTITY, POS_ROVER, POS_UAV, SIZE, YAW, MotionModel
 
 ORIGIN = np.zeros(SIZE)
 

@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from jezero.base.arrays import Array
 from jezero.base.frames import wrap_pi
 from jezero.services.estimator.innovations import Sensor
 from jezero.services.estimator.kalman import Kalman, UpdateResult
@@ -30,7 +31,6 @@ from jezero.services.estimator.motion import (
     VEL_UAV,
     YAW,
     YAW_RATE,
-    Array,
 )
 from jezero.services.estimator.rover_tilt import LEVEL, ned_from_level
 

@@ -22,11 +22,9 @@ from functools import lru_cache
 from math import cos, exp, sin
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jezero.base.arrays import Array
 from jezero.services.estimator.config import Tuning
-
-Array = NDArray[np.float64]
 
 SIZE = 23
 POS_UAV, VEL_UAV, POS_ROVER, VEL_ROVER = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)

@@ -6,6 +6,7 @@ from math import inf, isfinite
 import msgspec
 import numpy as np
 
+from jezero.base.arrays import Array
 from jezero.base.vehicle_config import PlatformConfig
 from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.config import Tuning, ValidityConfig
@@ -35,7 +36,6 @@ from jezero.services.estimator.motion import (
     VEL_UAV,
     YAW,
     YAW_RATE,
-    Array,
     MotionModel,
     initial_state,
 )

@@ -4,9 +4,9 @@ from typing import ClassVar
 
 import msgspec
 
+from jezero.base.arrays import Array
 from jezero.services.estimator.kalman import Kalman, UpdateResult
 from jezero.services.estimator.measurements import Kind
-from jezero.services.estimator.motion import Array
 
 
 class HeadingReset(msgspec.Struct, frozen=True, gc=False):

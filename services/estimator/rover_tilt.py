@@ -3,12 +3,11 @@
 from math import cos, sin
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jezero.base.arrays import Array
 from jezero.base.frames import quat_from_euler, quat_rotate
 from jezero.schemas.sensors import RoverOdometry
 
-Array = NDArray[np.float64]
 LEVEL = np.eye(3)
 
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jezero.base.arrays import Array
 from jezero.base.detectors import FrozenSensorDetector
 from jezero.base.frames import Vec3, add, quat_rotate, scale, subtract, wrap_pi, yaw_from_quat
 from jezero.base.vehicle_config import VehicleConfig
@@ -26,7 +27,6 @@ from jezero.services.estimator.measurements import (
     TagMeasurement,
     UwbMeasurement,
 )
-from jezero.services.estimator.motion import Array
 from jezero.services.estimator.range_outliers import RangeOutlierFilter
 from jezero.services.estimator.relative_filter import Estimate, RelativeFilter
 from jezero.services.estimator.rover_plausibility import RoverPlausibilityCheck

@@ -6,10 +6,10 @@ from statistics import median
 
 import numpy as np
 
+from jezero.base.arrays import Array
 from jezero.base.frames import Vec3
 from jezero.base.vehicle_config import PlatformConfig
 from jezero.services.estimator.measurements import UwbMeasurement
-from jezero.services.estimator.motion import Array
 from jezero.services.estimator.rover_tilt import ned_from_level
 from jezero.services.estimator.trilateration import trilaterate
 

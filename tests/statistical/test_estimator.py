@@ -9,10 +9,10 @@ from scipy.stats import chi2
 
 from benchmarks.quality.estimator import CASES, Sample, judge, replay, rmse_m
 from benchmarks.quality.estimator_flight import EstimatorFlight
+from jezero.base.arrays import Array
 from jezero.services.estimator.kalman import Kalman
 from jezero.services.estimator.measurement_history import MeasurementHistory
 from jezero.services.estimator.measurements import Kind
-from jezero.services.estimator.motion import Array
 
 SEEDS = range(4)
 CONFIDENCE = 0.999

@@ -5,8 +5,8 @@ from math import sqrt
 import numpy as np
 import pytest
 
+from jezero.base.arrays import Array
 from jezero.tuning.statistics import (
-    Array,
     autocorrelation,
     chi2_band,
     consistent_setting,

@@ -8,17 +8,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import cos, dist, pi
 
-import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.geometry import LineString, MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from jezero.base.frames import geodetic_from_ned
 
 Point = tuple[float, float]
-Array = NDArray[np.float64]
-"""Points in rows of north and east, and other numbers of a path."""
 AREA_MIN_M2 = 1e-4
 CORNERS_APART_M = 0.01
 """Nearer corners are the same one, and a corner nearer to the line between its neighbours is none: no vehicle flies as

@@ -8,12 +8,12 @@ import numpy as np
 from shapely.affinity import translate
 from shapely.geometry import Polygon
 
+from jezero.base.arrays import Array
 from jezero.base.frames import Vec3, add, altitude_m
 from jezero.base.vehicle_config import CameraMountConfig, VehicleConfig
 from jezero.schemas.goals import AreaCoverageGoal
 from jezero.services.actions.area_coverage.area import (
     AreaError,
-    Array,
     FlightArea,
     PlaceNames,
     Point,

@@ -8,10 +8,10 @@ import numpy as np
 import shapely
 from shapely.geometry import Polygon
 
+from jezero.base.arrays import Array
 from jezero.base.frames import Quat, q_frd_from_camera, quat_from_euler, quat_multiply, quat_rotate
 from jezero.base.lens import undistort
 from jezero.base.vehicle_config import CameraMountConfig
-from jezero.services.actions.area_coverage.area import Array
 
 CELLS_PER_LINE = 20
 CELLS_PER_PICTURE = 40

@@ -17,7 +17,8 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry import LineString, MultiPolygon, Point, Polygon
 
-from jezero.services.actions.area_coverage.area import Array, polygons_of
+from jezero.base.arrays import Array
+from jezero.services.actions.area_coverage.area import polygons_of
 
 Track = tuple[Array, ...]
 """A part of the path: the ways in which it can be flown, (n, 2) points each."""

@@ -8,7 +8,7 @@ import shapely
 from scipy.interpolate import BSpline
 from shapely.geometry import Polygon
 
-from jezero.services.actions.area_coverage.area import Array
+from jezero.base.arrays import Array
 
 SPACING_STRAIGHT_M = 0.25
 SPEED_MIN_MPS = 0.05

@@ -8,13 +8,12 @@ heading.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jezero.base.arrays import Array
 from jezero.base.frames import Quat, frd_from_camera, quat_rotate
 from jezero.base.lens import undistort
 from jezero.schemas.sensors import CameraInfo, Distortion
 
-Array = NDArray[np.float64]
 ITERATIONS = 4
 CONVERGED = 1e-6
 """Gauss–Newton stops at a step of this size, in metres and radians: the remaining error is far smaller."""

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jezero.base.arrays import Array
 from jezero.base.frames import Vec3
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.service import Health, Inbox, Output, Publish, Spec
@@ -18,7 +19,7 @@ from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.attitude_history import AttitudeHistory
 from jezero.services.estimator.rover_tilt import LEVEL, level_from_rover_body
 from jezero.services.estimator.tag_detector.config import TagDetectorConfig
-from jezero.services.estimator.tag_detector.pose import Array, Pose, View, make_view, solve
+from jezero.services.estimator.tag_detector.pose import Pose, View, make_view, solve
 
 if TYPE_CHECKING:
     from jezero.services.estimator.tag_detector.finder import Finder

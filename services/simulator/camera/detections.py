@@ -6,11 +6,12 @@ from math import exp
 import numpy as np
 import numpy.typing as npt
 
+from jezero.base.arrays import Array
 from jezero.schemas.landing_board import CELLS, BoardTag
 from jezero.schemas.sensors import CameraInfo, CornersOfTag
 from jezero.services.simulator.camera.config import ProjectionConfig
 from jezero.services.simulator.camera.sun import shadow_of
-from jezero.services.simulator.camera.view import Array, View, on_rover, project
+from jezero.services.simulator.camera.view import View, on_rover, project
 
 Indices = npt.NDArray[np.int64]
 

@@ -6,6 +6,7 @@ from typing import Any
 import moderngl
 import numpy as np
 
+from jezero.base.arrays import Array
 from jezero.base.frames import Vec3
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.schemas.state import Scene
@@ -20,7 +21,7 @@ from jezero.services.simulator.camera.gl_matrices import (
 from jezero.services.simulator.camera.gl_world import HAZE_PER_M, GlWorld, Placed, put
 from jezero.services.simulator.camera.service import NoEglError
 from jezero.services.simulator.camera.sun import TO_SUN_NED
-from jezero.services.simulator.camera.view import Array, View, half_tangents
+from jezero.services.simulator.camera.view import View, half_tangents
 from jezero.services.simulator.config import SimulatorConfig
 
 NEAR_M, FAR_M = 0.02, 4000.0

@@ -4,8 +4,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from jezero.base.arrays import Array
 from jezero.schemas.sensors import CameraInfo
-from jezero.services.simulator.camera.view import Array, View, half_tangents, project
+from jezero.services.simulator.camera.view import View, half_tangents, project
 
 Image = npt.NDArray[np.uint8]
 POOL = 2_000_003

@@ -6,8 +6,9 @@ from math import sqrt
 import numpy as np
 import numpy.typing as npt
 
+from jezero.base.arrays import Array
 from jezero.schemas.sensors import CameraInfo
-from jezero.services.simulator.camera.view import Array, View, half_tangents
+from jezero.services.simulator.camera.view import View, half_tangents
 from jezero.services.simulator.terrain import HALF_SIDE_M, POINTS, SPACING_M, Terrain
 
 SQUARES = 15

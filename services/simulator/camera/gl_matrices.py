@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from jezero.base.arrays import Array
 from jezero.base.frames import Quat, Vec3, quat_rotate
 from jezero.schemas.sensors import CameraInfo
-from jezero.services.simulator.camera.view import Array, View
+from jezero.services.simulator.camera.view import View
 
 
 def clip_from_camera(info: CameraInfo, near_m: float, far_m: float) -> Array:

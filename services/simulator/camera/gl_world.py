@@ -7,6 +7,7 @@ import moderngl
 import numpy as np
 import numpy.typing as npt
 
+from jezero.base.arrays import Array
 from jezero.base.frames import Vec3
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.services.simulator.camera.board import board_picture
@@ -15,7 +16,6 @@ from jezero.services.simulator.camera.gl_matrices import clip_from_sun
 from jezero.services.simulator.camera.ground import FINE_SIDE_M, SIDE_M, ground_textures
 from jezero.services.simulator.camera.meshes import Mesh, rocks_mesh, rover_mesh, uav_mesh
 from jezero.services.simulator.camera.sun import TO_SUN_NED
-from jezero.services.simulator.camera.view import Array
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.terrain import make_terrain
 

@@ -8,13 +8,13 @@ from math import cos, pi, sin
 import numpy as np
 import numpy.typing as npt
 
+from jezero.base.arrays import Array
 from jezero.base.vehicle_config import AirframeConfig, PlatformConfig, UwbLayoutConfig
 from jezero.services.simulator.noise import generator
 from jezero.services.simulator.terrain import Terrain
 
 Mesh = npt.NDArray[np.float32]
 """(3 x triangles, 9): position, normal, colour (roots of reflectances), in the frame of its body."""
-Array = npt.NDArray[np.float64]
 Colour = tuple[float, float, float]
 Point = tuple[float, float, float]
 

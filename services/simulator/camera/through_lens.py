@@ -6,12 +6,13 @@ import cv2
 import msgspec
 import numpy as np
 
+from jezero.base.arrays import Array
 from jezero.base.lens import undistort
 from jezero.base.vehicle_config import CameraMountConfig
 from jezero.schemas.sensors import NO_DISTORTION
 from jezero.schemas.state import Scene
 from jezero.services.simulator.camera.service import Renderer
-from jezero.services.simulator.camera.view import Array, View
+from jezero.services.simulator.camera.view import View
 
 
 def pinhole_behind(camera: CameraMountConfig) -> CameraMountConfig:

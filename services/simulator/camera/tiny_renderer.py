@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from jezero.base.arrays import Array
 from jezero.base.vehicle_config import PlatformConfig, VehicleConfig
 from jezero.schemas.sensors import CameraInfo
 from jezero.schemas.state import Scene
@@ -20,7 +21,7 @@ from jezero.services.simulator.camera.exposure import Image, PixelNoise
 from jezero.services.simulator.camera.ground import FINE_SIDE_M, SIDE_M, ground_textures
 from jezero.services.simulator.camera.meshes import Mesh, rocks_mesh, rover_mesh
 from jezero.services.simulator.camera.sun import TO_SUN_NED
-from jezero.services.simulator.camera.view import Array, View, project
+from jezero.services.simulator.camera.view import View, project
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.quiet_pybullet import pybullet
 from jezero.services.simulator.terrain import HALF_SIDE_M, POINTS, SPACING_M, Terrain, make_terrain

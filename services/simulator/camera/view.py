@@ -3,8 +3,8 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from jezero.base.arrays import Array
 from jezero.base.frames import (
     Quat,
     Vec3,
@@ -23,7 +23,6 @@ from jezero.base.lens import distort
 from jezero.schemas.sensors import CameraInfo
 from jezero.schemas.state import Scene
 
-Array = npt.NDArray[np.float64]
 NEAREST_M = 1e-3
 """Points nearer to the camera's plane than this, or behind it, are not in the picture."""
 

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from jezero.base.arrays import Array
 from jezero.base.vehicle_config import PlatformConfig
 from jezero.services.estimator.config import Tuning, ValidityConfig
 from jezero.services.estimator.measurements import Measurement, TagMeasurement, UwbMeasurement
-from jezero.services.estimator.motion import COMPASS_BIAS, SIZE, TAG_SCALE, UWB_BIAS, Array
+from jezero.services.estimator.motion import COMPASS_BIAS, SIZE, TAG_SCALE, UWB_BIAS
 from jezero.services.estimator.relative_filter import RelativeFilter
 from tests.services.estimator.test_filter import (
     ANCHORS_M,

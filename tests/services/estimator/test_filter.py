@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from jezero.base.arrays import Array
 from jezero.base.vehicle_config import PlatformConfig
 from jezero.services.estimator.config import Tuning, ValidityConfig
 from jezero.services.estimator.kalman import FilterState, Kalman
@@ -15,7 +16,7 @@ from jezero.services.estimator.measurements import (
     TagMeasurement,
     UwbMeasurement,
 )
-from jezero.services.estimator.motion import SIZE, Array, MotionModel, initial_state
+from jezero.services.estimator.motion import SIZE, MotionModel, initial_state
 from jezero.services.estimator.relative_filter import RelativeFilter
 from jezero.services.estimator.trilateration import trilaterate
 

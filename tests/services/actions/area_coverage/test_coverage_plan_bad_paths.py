@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from shapely.geometry import Polygon, box
 
+from jezero.base.arrays import Array
 from jezero.schemas.actions import Rejected
 from jezero.schemas.goals import AreaCoverageGoal
 from jezero.services.actions.area_coverage import coverage_plan
-from jezero.services.actions.area_coverage.area import AreaError, Array
+from jezero.services.actions.area_coverage.area import AreaError
 from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
 from jezero.services.actions.area_coverage.path import distance_outside_m
 from jezero.services.actions.config import ActionsConfig

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from jezero.base.arrays import Array
 from jezero.base.frames import (
     Quat,
     Vec3,
@@ -33,7 +34,7 @@ from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.attitude_history import AttitudeHistory
 from jezero.services.estimator.tag_detector.config import TagDetectorConfig
 from jezero.services.estimator.tag_detector.finder import Finder
-from jezero.services.estimator.tag_detector.pose import Array, View, make_view, solve
+from jezero.services.estimator.tag_detector.pose import View, make_view, solve
 from jezero.services.estimator.tag_detector.service import TagDetector, corners_by_id, locate
 
 Grey = NDArray[np.uint8]
