@@ -1,21 +1,25 @@
-"""The declarations of the services, the topic table, the compose file and the docs agree."""
+"""The declarations of the services, the tables of services and topics, the compose file and the docs agree."""
 
 import re
 from pathlib import Path
 from typing import Any
 
+import click
 import pytest
 
 from jezero.cli.info import PAGES, reference_page
 from jezero.cli.reference.settings import FILES
 from jezero.cli.reference.topics import all_specs, all_topics
+from jezero.cli.stack import up
 from jezero.deploy.launcher.compose import parse
 from jezero.runtime.service import Spec
 from jezero.schemas.rows import CLIENTS, EVERY_ACTION, GOAL_IN_CHARGE, Endpoint, Topic
 from jezero.schemas.topics import ACTIONS, ENDPOINTS, GROUND, SCENE, TRUTH, health_of
+from jezero.services.table import ServiceRow, services
 
 ROOT = Path(__file__).parents[1]
 SPECS = all_specs()
+COMPOSED = parse((ROOT / "deploy" / "compose.yaml").read_text(), {"JEZERO_GATE": "1"})
 
 
 @pytest.mark.parametrize("topic", all_topics(), ids=lambda topic: topic.name)
@@ -54,9 +58,27 @@ def test_no_service_asks_the_simulator_for_its_ground() -> None:
     assert not [name for name, spec in SPECS.items() if GROUND in spec.calls]
 
 
+@pytest.mark.parametrize("name", SPECS)
+def test_a_service_declares_the_name_of_its_row(name: str) -> None:
+    assert SPECS[name].name == name
+
+
 def test_the_compose_file_starts_every_service_the_router_and_the_gate() -> None:
-    services = parse((ROOT / "deploy" / "compose.yaml").read_text(), {"JEZERO_GATE": "1"})
-    assert set(services) == {*SPECS, "router", "gate"}
+    assert set(COMPOSED) == {*SPECS, "router", "gate"}
+
+
+@pytest.mark.parametrize("row", services().values(), ids=lambda row: row.name)
+def test_the_compose_file_runs_a_service_as_its_row_says(row: ServiceRow) -> None:
+    composed = COMPOSED[row.name]
+    assert composed.command == ("python", "-m", row.module, *([row.name] if row.is_action else []))
+    assert composed.profiles == row.profiles
+
+
+def test_the_help_names_every_profile() -> None:
+    (option,) = (each for each in up.params if each.name == "profiles")
+    profiles = {profile for row in services().values() for profile in row.profiles}
+    assert isinstance(option, click.Option)
+    assert profiles == set(re.findall(r"\w+", re.findall(r"\((.*)\)", option.help or "")[0]))
 
 
 @pytest.mark.parametrize("name", PAGES)

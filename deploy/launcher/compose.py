@@ -11,6 +11,8 @@ from typing import Any, Literal
 
 import yaml
 
+from jezero.services.table import ACTION
+
 Condition = Literal["service_started", "service_healthy"]
 Restart = Literal["no", "always", "on-failure", "unless-stopped"]
 
@@ -29,8 +31,6 @@ _VARIABLE = re.compile(
     r"|\{(?P<name>[A-Za-z_]\w*)(?:(?P<operator>:?[-?+])(?P<word>[^}$]*))?\}|(?P<bad>))"
 )
 _DEFAULT_GRACE_S = 10.0
-ACTION_SERVER = "jezero.services.actions"
-"""Module of the server of an action, whose name is its only argument."""
 
 
 class ComposeError(ValueError):
@@ -118,7 +118,7 @@ def with_actions(services: Mapping[str, Service], names: Iterable[str]) -> dict[
 
     A new server is like the first action server of the file; a file without one gets none.
     """
-    pattern = next((s for s in services.values() if s.command[-2:] == (ACTION_SERVER, s.name)), None)
+    pattern = next((s for s in services.values() if s.command[-2:] == (ACTION.module, s.name)), None)
     added = {} if pattern is None else {name: _like(pattern, name) for name in names if name not in services}
     return {**services, **added}
 

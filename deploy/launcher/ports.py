@@ -8,18 +8,19 @@ from pathlib import Path
 
 from jezero.runtime.instance import Instance, socket_of
 from jezero.runtime.linux_processes import Protocol, listen_problem
+from jezero.services.table import SERVICES
 
 HOST = "127.0.0.1"
 
 
 def ports_of(services: Collection[str], instance: Instance) -> list[tuple[Protocol, str, int]]:
     """Protocol, host and port of everything that these services listen on, but for the router's."""
-    ports: dict[str, tuple[tuple[Protocol, int], ...]] = {
-        "simulator": (("tcp", instance.hil_port), ("tcp", instance.rover_port)),
-        "vehicle_bridge": (("udp", instance.bridge_port),),
-        "autopilot": (("udp", instance.autopilot_offboard_port), ("udp", instance.autopilot_gcs_port)),
-    }
-    return [(protocol, HOST, port) for name in services for protocol, port in ports.get(name, ())]
+    return [
+        (protocol, HOST, getattr(instance, port))
+        for row in SERVICES
+        if row.name in services
+        for protocol, port in row.ports
+    ]
 
 
 @contextmanager
@@ -71,5 +72,5 @@ def _free_tcp_port() -> int:
 
 
 def _is_free(instance: Instance) -> bool:
-    ports = ports_of(("simulator", "vehicle_bridge", "autopilot"), instance)
+    ports = ports_of([row.name for row in SERVICES], instance)
     return not any(listen_problem(protocol, host, port, "") for protocol, host, port in ports)

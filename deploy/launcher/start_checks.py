@@ -22,6 +22,7 @@ from jezero.replay import NAME as REPLAY
 from jezero.runtime.instance import LISTEN_VARIABLE, PREFIX, Instance, links_from_environment, socket_of
 from jezero.runtime.linux_processes import listen_problem
 from jezero.runtime.routing import ListenError, bus_of_router, check_local, router_problem
+from jezero.services.table import SERVICES
 
 OPEN_FILES_MIN = 256
 """The launcher of the shipped stack has 63 files open, its router 49 and 3 more for each client."""
@@ -122,7 +123,7 @@ def check_start(
     listening = links_from_environment().listen if GATE in services else ()
     if problem := next(filter(None, (router_problem(each, LISTEN_VARIABLE) for each in listening)), ""):
         raise StartError(problem)
-    own = [name for name, service in services.items() if service.command[-1] == f"jezero.services.{name}"]
+    own = [row.name for row in SERVICES if row.name in services and services[row.name].command[-1] == row.module]
     for protocol, host, port in ports_of(own, instance):
         if problem := listen_problem(protocol, host, port, "JEZERO_INSTANCE"):
             raise StartError(problem)

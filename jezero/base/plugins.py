@@ -31,7 +31,7 @@ class PluginError(RuntimeError):
 def plugin_names() -> tuple[str, ...]:
     """Names of the actions that installed packages add, sorted; none of the packages is imported.
 
-    Names that jezero's own actions or services have, and names that are no identifiers in lower case, are left out:
+    Names that jezero's own actions have, and names that are no identifiers in lower case, are left out:
     `load_declaration` gives the reason.
     """
     return tuple(sorted({point.name for point in entry_points(group=GROUP) if not name_problem(point.name)}))

@@ -2,51 +2,16 @@
 
 import difflib
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, get_type_hints
 
 import msgspec
 
-from jezero.base.plugins import PluginError, all_actions
-from jezero.base.vehicle_config import VehicleConfig
+from jezero.base.plugins import PluginError
 from jezero.recording.journals import leaves
 from jezero.recording.mcap_file import RecordingError
 from jezero.runtime.service import Service
-from jezero.services.actions.table import action_server
-from jezero.services.autopilot.service import Autopilot
-from jezero.services.estimator.service import Estimator
-from jezero.services.estimator.tag_detector.service import TagDetector
-from jezero.services.mission.config import MissionConfig
-from jezero.services.mission.record import MissionRecord
-from jezero.services.mission.service import MissionService
-from jezero.services.preflight.service import Preflight
-from jezero.services.rover.service import RoverComputer
-from jezero.services.simulator.camera.making import make_camera
-from jezero.services.simulator.service import Simulator
-from jezero.services.vehicle_bridge.service import VehicleBridge
-
-
-def _mission(
-    boot_id: int,
-    saved: MissionRecord | None = None,
-    config: MissionConfig | None = None,
-    vehicle: VehicleConfig | None = None,
-) -> Service:
-    return MissionService(boot_id, all_actions(), saved, config=config, vehicle=vehicle)
-
-
-MAKERS: dict[str, Callable[..., Service]] = {
-    "simulator": Simulator,
-    "camera": make_camera,
-    "autopilot": Autopilot,
-    "rover": RoverComputer,
-    "vehicle_bridge": VehicleBridge,
-    "tag_detector": TagDetector,
-    "estimator": Estimator,
-    "mission": _mission,
-    "preflight": Preflight,
-}
-"""Makers of the services that are no action servers; all of those have one."""
+from jezero.services.table import ACTION, resolve, services
 
 
 class SettingError(ValueError):
@@ -64,11 +29,10 @@ def make_service(name: str, made_with: Mapping[str, Any]) -> Service:
         RecordingError: this version of jezero can't make it from them.
         SettingError: a value is out of range.
     """
-    maker = MAKERS.get(name)
-    if maker is None:
-        if made_with.get("name") != name:
-            raise RecordingError(f"{name!r} is neither an action server nor a service that this version can replay")
-        maker = action_server
+    row = services().get(name) or (ACTION if made_with.get("name") == name else None)
+    if row is None:
+        raise RecordingError(f"{name!r} is neither an action server nor a service that this version can replay")
+    maker = resolve(row.maker)
     hints = get_type_hints(maker.__init__ if inspect.isclass(maker) else maker)
     try:
         arguments = {each: msgspec.convert(value, hints[each]) for each, value in made_with.items()}
@@ -76,10 +40,14 @@ def make_service(name: str, made_with: Mapping[str, Any]) -> Service:
         raise RecordingError(f"this version of jezero makes {name!r} without the recorded argument {error}") from None
     except msgspec.ValidationError as error:
         raise SettingError(f"{name}: {error}") from None
+    parameters = inspect.signature(maker).parameters.values()
+    if missing := [each.name for each in parameters if each.default is each.empty and each.name not in arguments]:
+        raise RecordingError(f"this version of jezero can't make {name!r} without {', '.join(missing)}: not recorded")
     try:
-        return maker(**arguments)
+        service: Service = maker(**arguments)
     except PluginError as error:
         raise RecordingError(str(error)) from None
+    return service
 
 
 def changed(made_with: Mapping[str, Any], changes: Mapping[str, str]) -> dict[str, Any]:

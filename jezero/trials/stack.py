@@ -1,15 +1,15 @@
-"""The whole stack in one process and virtual time: every service that `compose.yaml` starts, on the memory bus.
+"""The whole stack in one process and virtual time: every service of the table that flies, on the memory bus.
 
 Two more services only fly here: a camera whose images cost nothing, and a driver of the rover.
 """
 
 import zlib
 from collections.abc import Callable, Collection, Iterable, Iterator
+from typing import Any
 
 import msgspec
 
 from jezero.base.config import load_config
-from jezero.base.plugins import action_names, all_actions
 from jezero.base.vehicle_config import CameraMountConfig, VehicleConfig
 from jezero.mission_files import configured_fence
 from jezero.runtime.memory_bus import UDP_DELAY, MemoryBus, Observer
@@ -20,22 +20,15 @@ from jezero.schemas.fence import Fence
 from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.config import load_actions_config
-from jezero.services.actions.table import action_server
 from jezero.services.autopilot.config import AutopilotConfig
-from jezero.services.autopilot.service import Autopilot
 from jezero.services.estimator.config import EstimatorConfig
-from jezero.services.estimator.service import Estimator
-from jezero.services.estimator.tag_detector.config import TagDetectorConfig
-from jezero.services.estimator.tag_detector.service import TagDetector
 from jezero.services.mission.config import MissionConfig
 from jezero.services.mission.record import MissionRecord
 from jezero.services.mission.service import MissionService
-from jezero.services.preflight.service import Preflight
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.gimbal import Gimbal
-from jezero.services.simulator.camera.making import make_camera
 from jezero.services.simulator.config import SimulatorConfig
-from jezero.services.simulator.service import Simulator
+from jezero.services.table import SERVICES, ServiceRow, make, resolve, services
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.service import VehicleBridge
 
@@ -88,10 +81,10 @@ def build_stack(
         estimator=estimator,
         vehicle=vehicle,
     )
-    for name, make in makers.items():
+    for name, maker in makers.items():
         if name in without:
             continue
-        service = make(boot_id(seed, name))
+        service = maker(boot_id(seed, name))
         bus.add(wrap_simulator(service) if name == "simulator" else service)
     return bus
 
@@ -135,28 +128,31 @@ def service_makers(
     Raises:
         ConfigError: a configuration file is invalid.
     """
-    simulator = simulator or load_config(SimulatorConfig, "simulator")
-    autopilot = autopilot or load_config(AutopilotConfig, "autopilot")
-    bridge = bridge or load_config(VehicleBridgeConfig, "vehicle_bridge")
-    camera = camera or msgspec.structs.replace(load_config(CameraConfig, "camera"), mode="projected")
-    estimator = estimator or load_config(EstimatorConfig, "estimator")
     robot = vehicle or load_config(VehicleConfig, "vehicle")
-    actions = load_actions_config(robot)
-    makers: dict[str, Callable[[int], Service]] = {
-        "simulator": lambda boot: Simulator(simulator, robot, seed=seed, boot_id=boot),
-        "camera": lambda boot: make_camera(camera, simulator, robot, seed),
-        "autopilot": lambda _: Autopilot(autopilot, robot, system_id=system_id),
-        "vehicle_bridge": bridge_maker(bridge, robot, system_id, configured_fence(bridge.fence)),
-        "tag_detector": lambda boot: TagDetector(load_config(TagDetectorConfig, "tag_detector"), robot),
-        "estimator": lambda boot: Estimator(estimator, robot),
+    given: dict[str, Any] = {
+        "simulator": simulator,
+        "autopilot": autopilot,
+        "vehicle_bridge": bridge,
+        "camera": camera or msgspec.structs.replace(load_config(CameraConfig, "camera"), mode="projected"),
+        "estimator": estimator,
+        "actions": load_actions_config(robot),
     }
+    settings = {
+        row.name: given.get(row.name) or load_config(resolve(row.settings), row.name)
+        for row in SERVICES
+        if row.flies and row.settings
+    }
+    common = {"vehicle": robot, "seed": seed, "system_id": system_id, "simulator": settings["simulator"]}
 
-    def action_maker(name: str) -> Callable[[int], Service]:
-        return lambda boot: action_server(name, boot, actions)
+    def maker(row: ServiceRow) -> Callable[[int], Service]:
+        own = {"config": settings["actions" if row.is_action else row.name]} if row.settings else {}
+        return lambda boot: make(row, {**common, **own, "boot_id": boot})
 
-    makers |= {name: action_maker(name) for name in action_names()}
-    makers["preflight"] = lambda boot: Preflight(vehicle=robot)
-    return makers | {"mission": mission_maker(robot)}
+    bridge = settings["vehicle_bridge"]
+    return {name: maker(row) for name, row in services().items() if row.flies} | {
+        "vehicle_bridge": bridge_maker(bridge, robot, system_id, configured_fence(bridge.fence)),
+        "mission": mission_maker(robot),
+    }
 
 
 def bridge_maker(
@@ -181,7 +177,7 @@ def mission_maker(robot: VehicleConfig) -> Callable[[int], Service]:
 
     def make(boot: int) -> Service:
         saved = kept[-1] if kept else None
-        return MissionService(boot, all_actions(), saved, kept.append, config=config, vehicle=robot)
+        return MissionService(boot, saved=saved, save=kept.append, config=config, vehicle=robot)
 
     return make
 

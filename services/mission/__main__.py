@@ -9,7 +9,6 @@ from pathlib import Path
 import msgspec
 
 from jezero.base.config import load_config
-from jezero.base.plugins import all_actions
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.instance import Instance
 from jezero.runtime.links import SocketLink
@@ -29,7 +28,7 @@ def main() -> int:
         saved = None if path is None else load(path)
         config, vehicle = load_config(MissionConfig, "mission"), load_config(VehicleConfig, "vehicle")
         keep = partial(save, path)
-        return MissionService(boot_id, all_actions(), saved, keep, config=config, vehicle=vehicle), {}
+        return MissionService(boot_id, saved=saved, save=keep, config=config, vehicle=vehicle), {}
 
     return run_process("mission", build)
 

@@ -15,6 +15,7 @@ import msgspec
 from msgspec.structs import replace
 
 from jezero.base.frames import altitude_m
+from jezero.base.plugins import all_actions
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.service import Health, Inbox, Output, Publish, Reply, Request, Spec
 from jezero.schemas.mission import GoalStep, Mission, MissionCommand, MissionProgress, MissionReply, WaitStep
@@ -57,7 +58,7 @@ class MissionService:
 
     Args:
         boot_id: differs between two runs, so that ids of missions do too.
-        actions: every action by name.
+        actions: every action by name; None stands for all that are installed.
         saved: the mission of the run before this one; None: there was none.
         save: keeps a mission over a restart.
         config: settings; like the next, None stands for the defaults.
@@ -67,13 +68,14 @@ class MissionService:
     def __init__(
         self,
         boot_id: int,
-        actions: Mapping[str, Action[Any]],
+        actions: Mapping[str, Action[Any]] | None = None,
         saved: MissionRecord | None = None,
         save: Callable[[MissionRecord], None] = lambda record: None,
         *,
         config: MissionConfig | None = None,
         vehicle: VehicleConfig | None = None,
     ) -> None:
+        actions = all_actions() if actions is None else actions
         config, vehicle = config or MissionConfig(), vehicle or VehicleConfig()
         self._boot_id = boot_id
         self._actions = actions

@@ -54,14 +54,16 @@ from jezero.services.preflight.sensor_checks import (
     check_rover,
     check_sensors,
 )
+from jezero.services.table import SERVICES
 
 CHECKS = (
     check_autopilot, check_services, check_clock, check_sensors, check_noise, check_gnss, check_compass, check_rover,
     check_battery, check_fence, check_storage,
 )  # fmt: skip
 SENSORS: tuple[Topic[Any], ...] = (IMU, GNSS, BARO, MAG, ALTIMETER, UWB, ROVER_ODOMETRY, ESTIMATE_TAG)
-SERVICES = ("simulator", "camera", "autopilot", "vehicle_bridge", "tag_detector", "estimator", "mission", "recorder")
-"""Services whose health is checked, besides the actions; every one publishes it once a second."""
+NAME = "preflight"
+ELSEWHERE = frozenset({"rover", "ground"})
+"""Profiles of services on other computers than the vehicle's, whose health no takeoff needs."""
 ROUND_MIN_NS, ROUND_MAX_NS = 1_300_000_000, 4_000_000_000
 """Limits of a round. Every service publishes its health within the shorter one. A round with a failed check, or without
 the health of a service, goes on up to the longer one: on a loaded computer a message may be late."""
@@ -70,24 +72,38 @@ PERIOD_NS, FAILED_PERIOD_NS = 10 * NS_PER_S, 2 * NS_PER_S
 PARAMETERS = "parameters"
 
 
+def checked_services() -> tuple[str, ...]:
+    """Names of the services whose health is checked, besides the actions; every one publishes it once a second."""
+    return tuple(
+        row.name for row in SERVICES if not row.is_action and row.name != NAME and ELSEWHERE.isdisjoint(row.profiles)
+    )
+
+
 class Preflight:
     """Checks vehicle and stack before a takeoff.
 
     Args:
-        actions: names of all actions, whose servers' health is checked too.
+        services: names of the services whose health is checked; None stands for those of the table that run on the
+            vehicle's computer, or simulate the vehicle.
+        actions: names of all actions, whose servers' health is checked too; None stands for all that are installed.
         vehicle: the vehicle itself; None stands for the defaults.
         keys: what is wrong with the certificate of this computer, for people, or "".
     """
 
     def __init__(
-        self, actions: tuple[str, ...] | None = None, vehicle: VehicleConfig | None = None, keys: str = ""
+        self,
+        services: tuple[str, ...] | None = None,
+        actions: tuple[str, ...] | None = None,
+        vehicle: VehicleConfig | None = None,
+        keys: str = "",
     ) -> None:
         vehicle = vehicle or VehicleConfig()
+        services = checked_services() if services is None else services
         actions = tuple(action_names()) if actions is None else actions
-        self._health = {name: health_of(name) for name in (*SERVICES, *actions)}
+        self._health = {name: health_of(name) for name in (*services, *actions)}
         self._on_demand: tuple[Topic[Any], ...] = (*SENSORS, FENCE, *self._health.values())
         self.spec = Spec(
-            name="preflight",
+            name=NAME,
             inputs=(STATUS, CLOCK),
             on_demand=self._on_demand,
             outputs=(PREFLIGHT,),
@@ -96,7 +112,7 @@ class Preflight:
             calls=(GET_PARAMETERS,),
             triggers=(CHECK_PREFLIGHT.name,),
             rate_hz=10.0,
-            made_with={"actions": actions, "vehicle": vehicle, "keys": keys},
+            made_with={"services": services, "actions": actions, "vehicle": vehicle, "keys": keys},
         )
         self._vehicle, self._keys = vehicle, keys
         self._epoch_id: int | None = None

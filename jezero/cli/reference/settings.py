@@ -12,35 +12,14 @@ from jezero.base.config import Config, load_config
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.cli.reference.words import Field, description_of, escape, fields_of, json_words, summary_of, table
 from jezero.runtime.instance import Instance
-from jezero.services.actions.config import ActionsConfig
-from jezero.services.autopilot.config import AutopilotConfig
-from jezero.services.estimator.config import EstimatorConfig
-from jezero.services.estimator.tag_detector.config import TagDetectorConfig
-from jezero.services.ground_station.config import GroundStationConfig
-from jezero.services.mission.config import MissionConfig
-from jezero.services.recorder.config import RecorderConfig
-from jezero.services.simulator.camera.config import CameraConfig
-from jezero.services.simulator.config import SimulatorConfig
-from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
+from jezero.services.table import SERVICES, resolve
 
 FILES: dict[str, tuple[type[Config], str]] = {
     "vehicle": (
         VehicleConfig,
         "The robot: vehicle, rover platform, and what is mounted on both. Every service reads it.",
     ),
-    "simulator": (SimulatorConfig, "The simulated world, and the errors of its sensors."),
-    "camera": (CameraConfig, "The simulated camera."),
-    "autopilot": (
-        AutopilotConfig,
-        "The embedded autopilot. Settings that PX4 has too keep PX4's names, with the unit appended.",
-    ),
-    "vehicle_bridge": (VehicleBridgeConfig, "The vehicle bridge."),
-    "tag_detector": (TagDetectorConfig, "The tag detector."),
-    "estimator": (EstimatorConfig, "The estimator."),
-    "mission": (MissionConfig, "When the vehicle flies home by itself."),
-    "recorder": (RecorderConfig, "The recorder of flights."),
-    "ground_station": (GroundStationConfig, "The ground station."),
-    "actions": (ActionsConfig, "All action servers."),
+    **{row.name: (resolve(row.settings), row.about) for row in SERVICES if row.settings},
 }
 """Each file in deploy/config, with the struct that it is read into, and its subject."""
 SHIPPED = Path(deploy.__path__[0]) / "config"

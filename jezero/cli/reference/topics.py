@@ -1,5 +1,6 @@
 """The page of services, topics and endpoints, from the declarations that the services run with."""
 
+from importlib import import_module
 from typing import Any
 
 from jezero.base.plugins import action_names, all_actions, find_action, plugin_names
@@ -7,28 +8,20 @@ from jezero.cli.reference.words import table
 from jezero.runtime.service import Spec
 from jezero.schemas.rows import Endpoint, Topic
 from jezero.schemas.topics import ENDPOINTS, TOPICS, feedback_of
-from jezero.services.actions.table import action_server
-from jezero.services.autopilot.service import SPEC as AUTOPILOT
-from jezero.services.estimator.service import SPEC as ESTIMATOR
-from jezero.services.estimator.tag_detector.service import SPEC as TAG_DETECTOR
-from jezero.services.ground_station.service import SPEC as GROUND_STATION
-from jezero.services.mission.service import MissionService
-from jezero.services.preflight.service import Preflight
-from jezero.services.recorder.service import SPEC as RECORDER
-from jezero.services.rover.service import SPEC as ROVER
-from jezero.services.simulator.camera.service import SPEC as CAMERA
-from jezero.services.simulator.service import SPEC as SIMULATOR
-from jezero.services.vehicle_bridge.service import SPEC as VEHICLE_BRIDGE
+from jezero.services.table import ServiceRow, make, services
 
 Row = dict[str, Any]
 
 
 def all_specs() -> dict[str, Spec]:
     """Declarations of all services of the stack, by name."""
-    actions = (action_server(name, boot_id=0).spec for name in action_names())
-    mission = MissionService(boot_id=0, actions=all_actions()).spec
-    vehicle = (SIMULATOR, CAMERA, AUTOPILOT, ROVER, VEHICLE_BRIDGE, TAG_DETECTOR, ESTIMATOR)
-    return {spec.name: spec for spec in (*vehicle, RECORDER, GROUND_STATION, *actions, mission, Preflight().spec)}
+    return {name: _spec_of(row) for name, row in services().items()}
+
+
+def _spec_of(row: ServiceRow) -> Spec:
+    """`SPEC` beside the maker, or the declaration of a service made for it where that depends on the actions."""
+    spec = getattr(import_module(row.maker.partition(":")[0]), "SPEC", None)
+    return make(row, {"boot_id": 0}).spec if spec is None else spec
 
 
 def all_topics() -> tuple[Topic[Any], ...]:
@@ -88,14 +81,15 @@ def service_rows() -> list[Row]:
 
 
 def mermaid() -> str:
-    """The graph of services and topics as a Mermaid flowchart; the five action servers are one node."""
+    """The graph of services and topics as a Mermaid flowchart; the action servers are one node."""
 
     def node(service: str) -> str:
         return "actions" if service in action_names() else service
 
+    specs = all_specs()
     edges: dict[tuple[str, str], list[str]] = {}
     for row in topic_rows():
-        writers = [name for name, spec in all_specs().items() if row["topic"] in {t.name for t in spec.outputs}]
+        writers = [name for name, spec in specs.items() if row["topic"] in {t.name for t in spec.outputs}]
         for writer in writers or [row["writer"]]:
             for reader in row["readers"]:
                 topics = edges.setdefault((node(writer), node(reader)), [])

@@ -27,7 +27,7 @@ from jezero.schemas.topics import (
     UWB,
 )
 from jezero.services.preflight.readings import Readings
-from jezero.services.preflight.service import SERVICES
+from jezero.services.preflight.service import checked_services
 
 END_NS = 5_000_000_000
 DURATION_S = 1.0
@@ -193,7 +193,7 @@ def readings(messages: dict[str, tuple[Any, ...]] | None = None, **changes: Any)
         ESTIMATE_TAG.name: tags(),
         FENCE.name: (FenceState(t_ns=END_NS),),
     }
-    services = (*SERVICES, "land_on_spot")
+    services = (*checked_services(), "land_on_spot")
     fields: dict[str, Any] = {
         "t_ns": END_NS,
         "duration_s": DURATION_S,
