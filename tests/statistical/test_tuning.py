@@ -8,16 +8,17 @@ the covariance that the estimator assumes for the setting 1, so that 1 is right.
 from collections.abc import Iterator
 from math import sqrt
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
 
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.service import Inbox, Output, Publish
 from jezero.schemas import topics
 from jezero.schemas.estimate import TagEstimate
 from jezero.services.estimator.measurements import TagMeasurement
+from jezero.services.estimator.tag_detector.config import TagDetectorConfig
 from jezero.services.estimator.tag_detector.service import TagDetector
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.trials.landing.flight import fly_landing
@@ -40,8 +41,8 @@ pytestmark = pytest.mark.timeout(600)
 class NoisyTagDetector(TagDetector):
     """The tag detector with white noise of the covariance that the estimator assumes for `scale_std_tag = 1`."""
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
+    def __init__(self, config: TagDetectorConfig, vehicle: VehicleConfig) -> None:
+        super().__init__(config, vehicle)
         self._rng = np.random.default_rng(1)
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
@@ -65,7 +66,7 @@ class NoisyTagDetector(TagDetector):
 def flights(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     folder = tmp_path_factory.mktemp("flights")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("jezero.trials.stack.TagDetector", NoisyTagDetector)
+        patch.setattr("jezero.services.estimator.tag_detector.service.TagDetector", NoisyTagDetector)
         for seed, rover in FLIGHTS:
             assert not fly_landing(seed, Conditions(case="uwb+tag", rover=rover), folder).failure
     return sorted(folder.glob("*/*.mcap"))
