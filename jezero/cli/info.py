@@ -7,6 +7,7 @@ from importlib import import_module
 import click
 import msgspec
 
+from jezero.base.mistakes import unknown
 from jezero.cli.options import simulator_origin
 from jezero.cli.reference.actions import action_rows, field_rows
 from jezero.cli.reference.topics import Row, endpoint_rows, mermaid, service_rows, topic_rows
@@ -65,7 +66,7 @@ def actions(name: str | None, as_json: bool) -> None:
     from jezero.base.plugins import action_names, all_actions, find_action
 
     if name is not None and name not in action_names():
-        raise click.BadParameter(f"there is no action {name}: there are {', '.join(action_names())}")
+        raise click.BadParameter(unknown("action", name, action_names()))
     shown = all_actions() if name is None else {name: find_action(name)}
     if as_json:
         for action in shown.values():
