@@ -104,7 +104,7 @@ class LazyGroup(click.Group):
             raise click.NoSuchCommand(error.command_name, possibilities=COMMANDS, ctx=ctx) from None
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run a command; wrong settings and what the operating system refuses become one sentence."""
+        """Run a command; wrong settings, a missing extra and what the operating system refuses become one sentence."""
         try:
             return super().invoke(ctx)
         except ValueError as error:
@@ -113,6 +113,13 @@ class LazyGroup(click.Group):
             if not isinstance(error, ConfigError):
                 raise
             raise click.ClickException(str(error)) from None
+        except ModuleNotFoundError as error:
+            from jezero.base.extras import extra_hint
+
+            hint = extra_hint(error.name)
+            if not hint:
+                raise
+            raise click.ClickException(f"this command {hint}") from None
         except OSError as error:
             from jezero.base.files import describe_os_error
 

@@ -112,7 +112,7 @@ WRONG = [
     ("on_failure: {retries: 99}\nsteps: [takeoff]\n", 1, "retries: expected a whole number from 0 to 10"),
     ("on_failure: {then: cry}\nsteps: [takeoff]\n", 1, "then: stop, skip, return or land"),
     (HEAD + "  - takeof: {altitude_m: 2}\n", 4, "there is no action 'takeof'; did you mean 'takeoff'?"),
-    (HEAD + "  - go_to: {target_ned_m: rok}\n", 4, "no point or area 'rok'; did you mean 'rock'? Known are rock, square"),
+    (HEAD + "  - go_to: {target_ned_m: rok}\n", 4, "no point or area 'rok'; did you mean 'rock'? Known are rock"),
     (HEAD + "  - go_to: {target_ned_m: square}\n", 4, "'square' is an area, and target_ned_m is a point"),
     (HEAD + "  - go_to: {taget_ned_m: rock}\n", 4, "go_to: there is no field 'taget_ned_m'; did you mean 'target_"),
     (HEAD + "  - go_to: {target_ned_m: [1, 2]}\n", 4, "target_ned_m: expected a list of length 3, not 2"),
