@@ -14,6 +14,7 @@ import msgspec
 
 from jezero.base.files import naming
 from jezero.base.mistakes import mistake, own_fields, unknown
+from jezero.cli import completion
 from jezero.cli.goals import fly_goal, point_in_words, send_goal
 from jezero.cli.options import FINITE, FRAMES, NUMBERS, FiniteRange, common_options, flight_options
 from jezero.cli.terminal import REFUSED, Printer, connected
@@ -362,7 +363,7 @@ def list_actions(as_json: bool) -> None:
 
 
 @action.command(context_settings=NUMBERS)
-@click.argument("name")
+@click.argument("name", shell_complete=completion.actions)
 @click.argument("fields", nargs=-1, metavar="[KEY=VALUE]...")
 @flight_options
 def send(name: str, fields: tuple[str, ...], yes: bool, vehicle: str, router: str, as_json: bool) -> None:

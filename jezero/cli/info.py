@@ -8,6 +8,7 @@ import click
 import msgspec
 
 from jezero.base.mistakes import unknown
+from jezero.cli import completion
 from jezero.cli.options import simulator_origin
 from jezero.cli.reference.actions import action_rows, field_rows
 from jezero.cli.reference.topics import Row, endpoint_rows, mermaid, service_rows, topic_rows
@@ -59,7 +60,7 @@ def topics(as_json: bool, as_mermaid: bool) -> None:
 
 
 @info.command()
-@click.argument("name", required=False)
+@click.argument("name", required=False, shell_complete=completion.actions)
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per action, with JSON Schemas.")
 def actions(name: str | None, as_json: bool) -> None:
     """Show every action, or the fields of goal, feedback and result of the action NAME."""

@@ -17,6 +17,7 @@ import click
 from jezero.base.extras import require
 from jezero.base.files import keep_private
 from jezero.base.router_address import shown_router
+from jezero.cli import completion
 from jezero.cli.options import INSECURE, KEYS, Router, insecure_option, keys_option
 from jezero.cli.terminal import FAILED, REFUSED, print_table
 from jezero.keys.bundle import INSECURE_VARIABLE
@@ -57,7 +58,8 @@ def run_folder(run_dir: Path | None) -> "RunFolder":
     return RunFolder(run_dir or default_run_folder(vehicle_from_environment()))
 
 
-def _shipped_compose_file() -> Path:
+def shipped_compose_file() -> Path:
+    """The compose file that comes with jezero."""
     from jezero import deploy
 
     return Path(deploy.__path__[0]).resolve() / "compose.yaml"
@@ -68,6 +70,7 @@ def _shipped_compose_file() -> Path:
     "--profile",
     "profiles",
     multiple=True,
+    shell_complete=completion.profiles,
     help="Only this profile (sim, estimation, control, ground; onboard, rover); repeatable.",
 )
 @click.option("-d", "--detach", is_flag=True, help="Run in the background; `jezero down` stops it.")
@@ -115,7 +118,7 @@ def up(
     _set_environment(context, listen, connect)
     keep_private()
     instance, links, folder = instance_from_environment(), links_from_environment(), run_folder(run_dir)
-    path = (file or _shipped_compose_file()).resolve()
+    path = (file or shipped_compose_file()).resolve()
     services = _read_services(path, profiles, linked=any(links))
     try:
         with _sentences(folder):
@@ -376,7 +379,12 @@ def down(run_dir: Path | None) -> None:
 
 @click.command()
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON array.")
-@click.option("--healthy", metavar="SERVICE", help="Print nothing; exit with 0 if this service is healthy, by the bus.")
+@click.option(
+    "--healthy",
+    metavar="SERVICE",
+    shell_complete=completion.services,
+    help="Print nothing; exit with 0 if this service is healthy, by the bus.",
+)
 @run_dir_option
 def ps(as_json: bool, healthy: str | None, run_dir: Path | None) -> None:
     """Show the state and health of the services."""
@@ -451,7 +459,7 @@ def _span(seconds: float | None) -> str:
 
 
 @click.command()
-@click.argument("services", nargs=-1, metavar="[SERVICE]...")
+@click.argument("services", nargs=-1, metavar="[SERVICE]...", shell_complete=completion.services)
 @click.option("-f", "--follow", is_flag=True, help="Continue with new lines until the stack stops.")
 @click.option("-n", "--tail", type=click.IntRange(min=0), metavar="N", help="Only the last N lines.")
 @click.option("-t", "--timestamps", is_flag=True, help="Show the time of each line (UTC).")
