@@ -47,8 +47,7 @@ def topics(context: click.Context, param: click.Parameter, incomplete: str) -> l
 
 def _shipped_services() -> dict[str, tuple[str, ...]]:
     """The profiles of each service of the compose file that jezero ships."""
-    from jezero.cli.stack import shipped_compose_file
-    from jezero.deploy.launcher.compose import parse
+    from jezero.deploy.launcher.compose import parse, shipped_compose_file
 
     found = parse(shipped_compose_file().read_text(encoding="utf-8"), {})
     return {name: tuple(service.profiles) for name, service in found.items()}

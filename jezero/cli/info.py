@@ -14,7 +14,7 @@ from jezero.cli.reference.actions import action_rows, field_rows
 from jezero.cli.reference.topics import Row, endpoint_rows, mermaid, service_rows, topic_rows
 from jezero.cli.reference.words import cell
 
-PAGES = ("topics", "actions", "settings", "commands")
+PAGES = ("topics", "actions", "settings", "commands", "python")
 """Names of the pages: each is a module of `jezero.cli.reference` with a function `page`."""
 TABLE_WIDTH_MIN, COLUMN_WIDTH_MAX = 120, 40
 JSON = click.option("--json", "as_json", is_flag=True, help="One JSON object per line.")

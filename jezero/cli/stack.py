@@ -58,13 +58,6 @@ def run_folder(run_dir: Path | None) -> "RunFolder":
     return RunFolder(run_dir or default_run_folder(vehicle_from_environment()))
 
 
-def shipped_compose_file() -> Path:
-    """The compose file that comes with jezero."""
-    from jezero import deploy
-
-    return Path(deploy.__path__[0]).resolve() / "compose.yaml"
-
-
 @click.command()
 @click.option(
     "--profile",
@@ -112,6 +105,7 @@ def up(
     jezero up --profile onboard --listen tls/0.0.0.0:7448 --keys vehicle-uav1
     jezero up --profile ground --connect tls/192.168.1.10:7448 --keys ground-lab
     """
+    from jezero.deploy.launcher.compose import shipped_compose_file
     from jezero.runtime.instance import instance_from_environment, links_from_environment
 
     start_s = time.monotonic()

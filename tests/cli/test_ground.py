@@ -10,7 +10,8 @@ pytest.importorskip("argon2", reason="the extra jezero[ground] is not installed"
 from jezero.cli import stack
 from jezero.cli.ground import ground
 from jezero.cli.main import main
-from jezero.cli.stack import GROUND_STATION, _read_services, shipped_compose_file
+from jezero.cli.stack import GROUND_STATION, _read_services
+from jezero.deploy.launcher.compose import shipped_compose_file
 from jezero.services.ground_station.access import matches, read_password
 
 
