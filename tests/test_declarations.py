@@ -92,7 +92,9 @@ def test_a_reference_page_gives_every_settings_file() -> None:
     assert set(FILES) == {path.stem for path in (ROOT / "deploy" / "config").glob("*.toml")}
 
 
-@pytest.mark.parametrize("page", ["CONTRIBUTING.md", "docs/glossary.md", "benchmarks/README.md"])
+@pytest.mark.parametrize(
+    "page", ["CONTRIBUTING.md", "docs/glossary.md", "docs/how-to/add-a-sensor.md", "benchmarks/README.md"]
+)
 def test_every_path_that_a_page_names_exists(page: str) -> None:
     file = ROOT / page
     text = file.read_text()

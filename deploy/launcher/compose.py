@@ -7,6 +7,7 @@ import re
 import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Literal
 
 import yaml
@@ -146,6 +147,11 @@ def at_bus(services: Mapping[str, Service], bus: str, run_folder: str, router: s
         )
         for name, service in services.items()
     }
+
+
+def shipped_compose_file() -> Path:
+    """The compose file that comes with jezero."""
+    return Path(__file__).resolve().parents[1] / "compose.yaml"
 
 
 def select(services: Mapping[str, Service], profiles: Iterable[str] = ()) -> dict[str, Service]:

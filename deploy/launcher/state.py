@@ -4,6 +4,7 @@ import contextlib
 import fcntl
 import os
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
 
@@ -11,6 +12,8 @@ import msgspec
 
 from jezero.runtime.instance import NAMES
 
+LOCK = "lock"
+"""File in a run folder that a launcher keeps open and locked."""
 ServiceState = Literal["waiting", "running", "restarting", "stopping", "stopped", "exited", "failed", "external"]
 """waiting: waits for its dependencies. restarting: waits for its restart. stopped: stopped on request. exited: ended
 without an error; failed: ended with an error or can't be started; neither is restarted. external: of another stack."""
@@ -142,7 +145,7 @@ class RunFolder:
 
     @property
     def _lock_path(self) -> Path:
-        return self.path / "lock"
+        return self.path / LOCK
 
     def acquire(self) -> None:
         """Create the folder and lock it until this process ends.
@@ -204,3 +207,17 @@ class RunFolder:
             return None
         alive = start_ticks(state.launcher_pid) == state.launcher_start_ticks
         return state if alive else None
+
+
+def running_stacks() -> Iterator[tuple[Path, RunState]]:
+    """Run folder and state of each stack of this user on this computer.
+
+    A launcher keeps the lock of its folder open, so that its process leads to the folder.
+    """
+    for process in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):  # of another user, or ended
+            for descriptor in (process / "fd").iterdir():
+                opened = Path(os.readlink(descriptor))
+                state = RunFolder(opened.parent).read() if opened.name == LOCK else None
+                if state is not None and state.launcher_pid == int(process.name):
+                    yield opened.parent, state

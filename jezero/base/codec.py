@@ -12,6 +12,7 @@ from typing import Any, get_args, get_type_hints
 
 import msgspec
 
+from jezero.base.mistakes import mistake
 from jezero.base.plain_text import plain, plain_json
 from jezero.schemas.struct import Payload, WithAttachment, WithReadings
 
@@ -147,6 +148,8 @@ class Reader:
                 if not _has_readings(self._kind):
                     raise
                 return _without_bad_readings(self._kind, text)
+        except msgspec.ValidationError as error:
+            raise BadPayloadError(mistake(error, self._kind)) from None
         except (msgspec.DecodeError, UnicodeDecodeError) as error:
             raise BadPayloadError(str(error)) from None
         except RecursionError:
@@ -173,7 +176,7 @@ def _without_bad_readings(kind: type[WithReadings], json: bytes) -> tuple[Any, t
         try:
             good.append(msgspec.convert(reading, reading_type))
         except msgspec.ValidationError as error:
-            dropped.append(f"{name}[{number}]: {error}")
+            dropped.append(f"{name}[{number}]: {mistake(error, reading_type)}")
     return msgspec.convert({**fields, name: good}, kind), tuple(dropped)
 
 
@@ -245,7 +248,7 @@ def decode_request(kind: Any, data: bytes, parameters: Mapping[str, str], *, nee
     try:
         return msgspec.convert(fields, kind)
     except msgspec.ValidationError as error:
-        raise BadPayloadError(str(error)) from None
+        raise BadPayloadError(mistake(error, kind)) from None
 
 
 def _own_fields(kind: Any) -> list[str]:

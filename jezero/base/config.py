@@ -8,6 +8,7 @@ from typing import Literal, TypeVar
 import msgspec
 
 from jezero.base.files import describe_os_error
+from jezero.base.mistakes import mistake
 
 S = TypeVar("S", bound=msgspec.Struct)
 
@@ -39,6 +40,8 @@ def load_config(kind: type[S], name: str, directory: Path | None = None) -> S:
         raise ConfigError(f"{path} is missing: each service reads its settings from there") from None
     except OSError as error:
         raise ConfigError(describe_os_error(error)) from None
+    except msgspec.ValidationError as error:
+        raise ConfigError(f"{path}: {mistake(error, kind, 'setting')}") from error
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: {error}") from error
 

@@ -15,6 +15,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
+from jezero.base.mistakes import unknown
 from jezero.schemas.commands import Phase
 from jezero.schemas.rows import Action
 from jezero.schemas.topics import ACTIONS
@@ -98,8 +99,7 @@ def name_problem(name: str) -> str:
 def _only(name: str, points: Iterable[EntryPoint]) -> EntryPoint:
     found = {point.value: point for point in points}
     if not found:
-        known = ", ".join(action_names())
-        raise PluginError(f"there is no action {name!r}; there are {known}. Is the package that adds it installed?")
+        raise PluginError(f"{unknown('action', name, action_names())}. Is the package that adds it installed?")
     if len(found) > 1:
         raise PluginError(f"action {name!r} is added by several packages: {', '.join(found)}; uninstall all but one")
     return next(iter(found.values()))

@@ -13,6 +13,8 @@ import click
 import msgspec
 
 from jezero.base.files import naming
+from jezero.base.mistakes import mistake, own_fields, unknown
+from jezero.cli import completion
 from jezero.cli.goals import fly_goal, point_in_words, send_goal
 from jezero.cli.options import FINITE, FRAMES, NUMBERS, FiniteRange, common_options, flight_options
 from jezero.cli.terminal import REFUSED, Printer, connected
@@ -361,7 +363,7 @@ def list_actions(as_json: bool) -> None:
 
 
 @action.command(context_settings=NUMBERS)
-@click.argument("name")
+@click.argument("name", shell_complete=completion.actions)
 @click.argument("fields", nargs=-1, metavar="[KEY=VALUE]...")
 @flight_options
 def send(name: str, fields: tuple[str, ...], yes: bool, vehicle: str, router: str, as_json: bool) -> None:
@@ -377,7 +379,7 @@ def send(name: str, fields: tuple[str, ...], yes: bool, vehicle: str, router: st
     try:
         goal = msgspec.convert(given, found.goal_type)
     except msgspec.ValidationError as error:
-        raise click.UsageError(f"{name}: {error}. `jezero info actions {name}` shows the fields") from None
+        raise click.UsageError(f"{name}: {mistake(error, found.goal_type)}") from None
     with connected(vehicle, router, printer) as uav:
         fly_goal(printer, send_goal(printer, uav, found, goal, yes=yes), name)
 
@@ -391,13 +393,13 @@ def _goal_fields(name: str, words: tuple[str, ...]) -> dict[str, Any]:
     from jezero.base.plugins import PluginError, find_action
 
     try:
-        known = _described_fields(find_action(name))
+        found = find_action(name)
     except PluginError as error:
         raise click.UsageError(str(error)) from None
     fields = key_values(words)
     for key in fields:
-        if key not in known:
-            raise click.UsageError(f"{name} has no field {key!r}; its fields are {', '.join(known)}")
+        if key not in _described_fields(found):
+            raise click.UsageError(f"{name}: {unknown('field', key, own_fields(found.goal_type))}")
     return fields
 
 

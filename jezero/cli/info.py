@@ -7,12 +7,14 @@ from importlib import import_module
 import click
 import msgspec
 
+from jezero.base.mistakes import unknown
+from jezero.cli import completion
 from jezero.cli.options import simulator_origin
 from jezero.cli.reference.actions import action_rows, field_rows
 from jezero.cli.reference.topics import Row, endpoint_rows, mermaid, service_rows, topic_rows
 from jezero.cli.reference.words import cell
 
-PAGES = ("topics", "actions", "settings", "commands")
+PAGES = ("topics", "actions", "settings", "commands", "python")
 """Names of the pages: each is a module of `jezero.cli.reference` with a function `page`."""
 TABLE_WIDTH_MIN, COLUMN_WIDTH_MAX = 120, 40
 JSON = click.option("--json", "as_json", is_flag=True, help="One JSON object per line.")
@@ -58,14 +60,14 @@ def topics(as_json: bool, as_mermaid: bool) -> None:
 
 
 @info.command()
-@click.argument("name", required=False)
+@click.argument("name", required=False, shell_complete=completion.actions)
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per action, with JSON Schemas.")
 def actions(name: str | None, as_json: bool) -> None:
     """Show every action, or the fields of goal, feedback and result of the action NAME."""
     from jezero.base.plugins import action_names, all_actions, find_action
 
     if name is not None and name not in action_names():
-        raise click.BadParameter(f"there is no action {name}: there are {', '.join(action_names())}")
+        raise click.BadParameter(unknown("action", name, action_names()))
     shown = all_actions() if name is None else {name: find_action(name)}
     if as_json:
         for action in shown.values():

@@ -3,12 +3,16 @@
 import importlib
 import sys
 from errno import EPIPE
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 try:
     import click
 except ModuleNotFoundError:
     sys.exit("jezero's command line is an extra: pip install 'jezero[cli]'")
+
+
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
 
 
 class Entry(NamedTuple):
@@ -103,8 +107,15 @@ class LazyGroup(click.Group):
         except click.NoSuchCommand as error:  # click knows no names, as no command has been imported
             raise click.NoSuchCommand(error.command_name, possibilities=COMMANDS, ctx=ctx) from None
 
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list["CompletionItem"]:
+        """Commands by the table: a command whose extra is missing can't be imported for its help."""
+        from click.shell_completion import CompletionItem
+
+        found = [CompletionItem(name, help=entry.summary) for name, entry in COMMANDS.items()]
+        return [item for item in found if item.value.startswith(incomplete)] or super().shell_complete(ctx, incomplete)
+
     def invoke(self, ctx: click.Context) -> Any:
-        """Run a command; wrong settings and what the operating system refuses become one sentence."""
+        """Run a command; wrong settings, a missing extra and what the operating system refuses become one sentence."""
         try:
             return super().invoke(ctx)
         except ValueError as error:
@@ -113,6 +124,13 @@ class LazyGroup(click.Group):
             if not isinstance(error, ConfigError):
                 raise
             raise click.ClickException(str(error)) from None
+        except ModuleNotFoundError as error:
+            from jezero.base.extras import extra_hint
+
+            hint = extra_hint(error.name)
+            if not hint:
+                raise
+            raise click.ClickException(f"this command {hint}") from None
         except OSError as error:
             from jezero.base.files import describe_os_error
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 import msgspec
 
+from jezero.cli import completion
 from jezero.cli.goals import LONG_FLIGHT_S, confirm, minutes
 from jezero.cli.options import (
     FINITE,
@@ -91,7 +92,7 @@ def fence() -> None:
 
 
 @fence.command("check", epilog=FENCE_HELP)
-@click.argument("file")
+@click.argument("file", shell_complete=completion.files)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def check_fence(file: str, as_json: bool) -> None:
     """Name the mistakes of a fence file."""
@@ -106,7 +107,7 @@ def check_fence(file: str, as_json: bool) -> None:
 
 
 @fence.command("set", epilog=FENCE_HELP)
-@click.argument("file")
+@click.argument("file", shell_complete=completion.files)
 @common_options
 def set_fence(file: str, vehicle: str, router: str, as_json: bool) -> None:
     """Set the fence of a vehicle on the ground, until the vehicle's stack ends."""
@@ -189,7 +190,7 @@ def list_missions() -> None:
 
 
 @mission.command("check", epilog=MISSION_HELP)
-@click.argument("file")
+@click.argument("file", shell_complete=completion.missions)
 @origin_option("Degrees of the world's origin without a stack, for areas in degrees [the simulator's].")
 @WIND
 @common_options
@@ -220,7 +221,7 @@ def check_mission(
 
 
 @mission.command(epilog=MISSION_HELP)
-@click.argument("file")
+@click.argument("file", shell_complete=completion.missions)
 @WIND
 @flight_options
 def run(file: str, wind: Wind | None, yes: bool, vehicle: str, router: str, as_json: bool) -> None:
@@ -523,7 +524,7 @@ def import_mission(
 
 
 @mission.command("export")
-@click.argument("file")
+@click.argument("file", shell_complete=completion.missions)
 @click.option("-o", "--out", type=OUT, required=True, metavar="FILE", help=f"The file to write: {EXPORTED}.")
 @origin_option("Degrees of the world's origin [that of the running stack, else the simulator's].")
 @click.option("--force", is_flag=True, help="Write over a file that exists.")

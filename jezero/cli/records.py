@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 
 from jezero.base.router_address import is_loopback, shown_router
+from jezero.cli import completion
 from jezero.cli.options import FINITE, RECORDING_PATH, common_options
 from jezero.cli.terminal import UNREACHABLE, Printer
 from jezero.schemas.units import NS_PER_S
@@ -229,7 +230,13 @@ def settings(file: Path, as_json: bool) -> None:
 @click.argument("file", type=RECORDING_PATH)
 @click.option("--csv", "folder", type=click.Path(path_type=Path, file_okay=False), required=True,
               help="Folder for the tables, one file for each topic.")  # fmt: skip
-@click.option("--topic", "topics", multiple=True, help="Only this topic; may be given several times.")
+@click.option(
+    "--topic",
+    "topics",
+    multiple=True,
+    shell_complete=completion.topics,
+    help="Only this topic; may be given several times.",
+)
 def export(file: Path, folder: Path, topics: tuple[str, ...]) -> None:
     """Write the messages of FILE as tables (CSV), one for each topic.
 

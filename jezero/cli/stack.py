@@ -3,6 +3,7 @@
 import contextlib
 import os
 import select
+import shlex
 import signal
 import sys
 import time
@@ -13,8 +14,10 @@ from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 import click
 
+from jezero.base.extras import require
 from jezero.base.files import keep_private
 from jezero.base.router_address import shown_router
+from jezero.cli import completion
 from jezero.cli.options import INSECURE, KEYS, Router, insecure_option, keys_option
 from jezero.cli.terminal import FAILED, REFUSED, print_table
 from jezero.keys.bundle import INSECURE_VARIABLE
@@ -30,6 +33,8 @@ LAUNCHER_LOG = "launcher.log"
 GROUND_STATION = "ground_station"
 GATE_VARIABLE = "JEZERO_GATE"
 """Variable of the compose file: 1 where the stack has links with other computers."""
+NEEDS = {"simulator": "pybullet", "autopilot": "fastcrc", "vehicle_bridge": "pymavlink", "estimator": "scipy"}
+"""A package of the extra without which a service can't start."""
 OPEN_FILES_MAX = 1 << 20
 """No process has a file descriptor with a greater number."""
 KILL_LAUNCHER_AFTER_S = 30.0
@@ -53,17 +58,12 @@ def run_folder(run_dir: Path | None) -> "RunFolder":
     return RunFolder(run_dir or default_run_folder(vehicle_from_environment()))
 
 
-def _shipped_compose_file() -> Path:
-    from jezero import deploy
-
-    return Path(deploy.__path__[0]).resolve() / "compose.yaml"
-
-
 @click.command()
 @click.option(
     "--profile",
     "profiles",
     multiple=True,
+    shell_complete=completion.profiles,
     help="Only this profile (sim, estimation, control, ground; onboard, rover); repeatable.",
 )
 @click.option("-d", "--detach", is_flag=True, help="Run in the background; `jezero down` stops it.")
@@ -105,13 +105,14 @@ def up(
     jezero up --profile onboard --listen tls/0.0.0.0:7448 --keys vehicle-uav1
     jezero up --profile ground --connect tls/192.168.1.10:7448 --keys ground-lab
     """
+    from jezero.deploy.launcher.compose import shipped_compose_file
     from jezero.runtime.instance import instance_from_environment, links_from_environment
 
     start_s = time.monotonic()
     _set_environment(context, listen, connect)
     keep_private()
     instance, links, folder = instance_from_environment(), links_from_environment(), run_folder(run_dir)
-    path = (file or _shipped_compose_file()).resolve()
+    path = (file or shipped_compose_file()).resolve()
     services = _read_services(path, profiles, linked=any(links))
     try:
         with _sentences(folder):
@@ -150,6 +151,9 @@ def _read_services(path: Path, profiles: tuple[str, ...], *, linked: bool) -> "d
         services = select(with_actions(parse(path.read_text(encoding="utf-8"), variables), plugin_names()), profiles)
     except (ComposeError, OSError) as error:
         raise click.ClickException(f"{path}: {error.strerror if isinstance(error, OSError) else error}") from error
+    for service, package in NEEDS.items():
+        if service in services:
+            require(f"the service {service}", package)
     if GROUND_STATION in services and find_spec("nicegui") is None:
         del services[GROUND_STATION]
         click.echo("no ground station in the browser, which is an extra: pip install 'jezero[ground]'", err=True)
@@ -348,7 +352,7 @@ def down(run_dir: Path | None) -> None:
     folder = run_folder(run_dir)
     state = folder.read()
     if state is None:
-        click.echo(f"nothing runs in {folder.path}")
+        click.echo(_nothing_runs(folder, "down"))
         return
     try:
         pidfd = os.pidfd_open(state.launcher_pid)
@@ -369,7 +373,12 @@ def down(run_dir: Path | None) -> None:
 
 @click.command()
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON array.")
-@click.option("--healthy", metavar="SERVICE", help="Print nothing; exit with 0 if this service is healthy, by the bus.")
+@click.option(
+    "--healthy",
+    metavar="SERVICE",
+    shell_complete=completion.services,
+    help="Print nothing; exit with 0 if this service is healthy, by the bus.",
+)
 @run_dir_option
 def ps(as_json: bool, healthy: str | None, run_dir: Path | None) -> None:
     """Show the state and health of the services."""
@@ -380,11 +389,29 @@ def ps(as_json: bool, healthy: str | None, run_dir: Path | None) -> None:
     folder = run_folder(run_dir)
     state = folder.read()
     if as_json:
+        if state is None:
+            click.echo(_nothing_runs(folder, "ps"), err=True)
         click.echo(msgspec.json.encode(state.services if state else []).decode())
     elif state is None:
-        click.echo(f"nothing runs in {folder.path}")
+        click.echo(_nothing_runs(folder, "ps"))
     else:
         _print_state(state)
+
+
+def _nothing_runs(folder: "RunFolder", command: str) -> str:
+    """The sentence for a folder without a stack, with a line for each stack of another folder.
+
+    Args:
+        command: what should be done there.
+    """
+    from jezero.deploy.launcher.state import running_stacks
+
+    lines = [
+        f"vehicle {state.vehicle} runs in {path}: `jezero {command} --run-dir {shlex.quote(str(path))}`"
+        for path, state in running_stacks()
+        if path != folder.path
+    ]
+    return "\n".join([f"nothing runs in {folder.path}", *lines])
 
 
 def _is_healthy(service: str, timeout_s: float = 3.0) -> bool:
@@ -426,7 +453,7 @@ def _span(seconds: float | None) -> str:
 
 
 @click.command()
-@click.argument("services", nargs=-1, metavar="[SERVICE]...")
+@click.argument("services", nargs=-1, metavar="[SERVICE]...", shell_complete=completion.services)
 @click.option("-f", "--follow", is_flag=True, help="Continue with new lines until the stack stops.")
 @click.option("-n", "--tail", type=click.IntRange(min=0), metavar="N", help="Only the last N lines.")
 @click.option("-t", "--timestamps", is_flag=True, help="Show the time of each line (UTC).")
@@ -439,7 +466,12 @@ def logs(services: tuple[str, ...], follow: bool, tail: int | None, timestamps: 
     known = folder.logged()
     if unknown := [name for name in services if name not in known]:
         there = ", ".join(known) or "none"
-        raise click.ClickException(f"no log of {', '.join(unknown)} in {folder.logs}; there are: {there}")
+        text = f"no log of {', '.join(unknown)} in {folder.logs}; there are: {there}"
+        raise click.ClickException(text if folder.read() else f"{text}\n{_nothing_runs(folder, 'logs')}")
+    if folder.read() is None:
+        last = "; these are the logs of its last run" if known else ""
+        first, *others = _nothing_runs(folder, "logs").splitlines()
+        click.echo("\n".join([first + last, *others]), err=True)
     reader = LogReader(folder, services or known)
     prefixer = Prefixer(services or known, colour=sys.stdout.isatty())
     lines = reader.read()

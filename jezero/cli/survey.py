@@ -13,6 +13,7 @@ import msgspec
 from click.core import ParameterSource
 
 from jezero.base.files import keep_private, write_whole
+from jezero.base.mistakes import mistake
 from jezero.cli.goals import agreed_plan, as_planned, flight_in_words, minutes, send_goal, take_pictures
 from jezero.cli.options import (
     FINITE,
@@ -421,7 +422,7 @@ def _plan_here(request: CoverageRequest, origin: Origin, start_m: tuple[float, f
     try:
         msgspec.convert(msgspec.to_builtins(goal), type(goal))  # as a server would check its numbers
     except msgspec.ValidationError as error:
-        raise click.ClickException(f"the goal has a wrong number: {error}") from None
+        raise click.ClickException(f"gridsweep: {mistake(error, type(goal))}") from None
     made = plan_or_refuse(goal, load_actions_config(), start_m, (0.0, 0.0, 0.0))
     if isinstance(made, Refusal):
         raise click.ClickException(made.reason)

@@ -106,7 +106,7 @@ def print_table(rows: Sequence[tuple[str, ...]]) -> None:
 @contextmanager
 def connected(vehicle: str, router: str, printer: Printer) -> Iterator["Vehicle"]:
     """Connect for one command; an error of the client becomes a sentence and an exit code."""
-    from jezero.client import Aborted, Canceled, JezeroError, Refused, Vehicle
+    from jezero.client import Aborted, Canceled, JezeroError, Refused, Unreachable, Vehicle
 
     try:
         with Vehicle.connect(vehicle, router=router, insecure=True) as uav:  # `Router` has checked it
@@ -121,7 +121,19 @@ def connected(vehicle: str, router: str, printer: Printer) -> Iterator["Vehicle"
     except KeyboardInterrupt:
         printer.fail("interrupted", "interrupted", ABORTED, reason="interrupted")
     except JezeroError as error:
+        if isinstance(error, Unreachable) and not printer.as_json:
+            _show_stacks_elsewhere(vehicle, router)
         printer.fail("unreachable", f"unreachable: {error}", UNREACHABLE, reason=str(error))
+
+
+def _show_stacks_elsewhere(vehicle: str, router: str) -> None:
+    """Print a line for each stack of this computer that has another name or another address than was asked for."""
+    from jezero.deploy.launcher.state import running_stacks
+
+    for folder, state in running_stacks():
+        if (state.vehicle, state.router) != (vehicle, router):
+            options = f"--vehicle {state.vehicle} --router {state.router}"
+            click.echo(f"vehicle {state.vehicle} runs in {folder}: add {options}", err=True)
 
 
 class Keyboard:

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 import msgspec
 
+from jezero.base.extras import require
 from jezero.base.files import naming, write_whole
 from jezero.client.images import Picture
 from jezero.schemas.images import LISTING, Image
@@ -70,6 +71,7 @@ class Dataset:
             raise FileExistsError(f"{self.folder} has pictures already, e.g. {old.name}: choose another folder")
 
     def _initialize(self, folder: Path | str, kind: Kind, extra: dict[str, Any]) -> None:
+        require("a dataset of images", "PIL")
         self.folder = Path(folder)
         self._kind = kind
         self._extra = extra

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import msgspec
 
+from jezero.base.mistakes import mistake
 from jezero.base.plugins import PluginError, find_action
 from jezero.client.errors import Refused, TimedOut, Unreachable
 from jezero.client.goal import Goal
@@ -69,7 +70,7 @@ class GoalSender:
         try:
             made: GoalPayload = msgspec.convert({**fields, **common}, action.goal_type)
         except msgspec.ValidationError as error:
-            raise ValueError(f"{action.name}: {error}") from None
+            raise ValueError(f"{action.name}: {mistake(error, action.goal_type)}") from None
         return made
 
     def send(

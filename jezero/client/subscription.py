@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, Generic, Self, TypeVar
 
+from jezero.base.mistakes import unknown
 from jezero.client.errors import TimedOut, Unreachable
 from jezero.client.session import Connection, decoder
 from jezero.schemas import topics
@@ -185,5 +186,5 @@ def topic_named(topic: "str | Topic[M]") -> Topic[Any]:
         return topic
     known = {row.name: row for row in topics.TOPICS}
     if topic not in known:
-        raise ValueError(f"there is no topic {topic!r}; there are {', '.join(known)}")
+        raise ValueError(unknown("topic", topic, known))
     return known[topic]

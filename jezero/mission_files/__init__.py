@@ -9,6 +9,10 @@ with Vehicle.connect("uav1") as uav:
 ```
 """
 
+from jezero.base.extras import require
+
+require("jezero.mission_files", "yaml")
+
 from jezero.mission_files.fence_file import configured_fence, read_fence
 from jezero.mission_files.planning import StepPlan, plan_mission
 from jezero.mission_files.problems import MissionFileError, Problem

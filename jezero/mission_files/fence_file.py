@@ -7,9 +7,10 @@ import msgspec
 
 from jezero.base.config import ConfigError, config_directory
 from jezero.base.fence import fence_refusal, joined, zone_refusal
-from jezero.mission_files.goals import in_words
+from jezero.base.mistakes import mistake, unknown
+from jezero.mission_files.goals import line_of
 from jezero.mission_files.nodes import Node, UnreadableError, parse
-from jezero.mission_files.problems import MissionFileError, Problem, Problems, did_you_mean, listed
+from jezero.mission_files.problems import MissionFileError, Problem, Problems, listed
 from jezero.schemas.fence import Fence, Zone
 
 BYTES_MAX = 1_000_000
@@ -108,8 +109,7 @@ def _of_yaml(path: Path, text: str, problems: Problems) -> Fence | None:
     parts: dict[str, Node] = root.value
     for name, node in parts.items():
         if name not in PARTS:
-            hint = did_you_mean(name, PARTS) or f"; known are {listed(PARTS)}"
-            problems.add(node.line, f"there is no {name!r} in a fence{hint}")
+            problems.add(node.line, unknown("part of a fence", name, PARTS))
     degrees = parts.get("degrees", Node(1, False))
     if not isinstance(degrees.value, bool):
         problems.add(degrees.line, "degrees is true or false")
@@ -128,10 +128,9 @@ def _checked(fields: dict[str, Any], parts: dict[str, Node], line: int, problems
     try:
         return msgspec.convert(msgspec.to_builtins(fields), Fence)
     except msgspec.ValidationError as error:
-        text, _, path = str(error).partition(" - at `$.")
-        name = path.rstrip("`").partition("[")[0].partition(".")[0]
-        at = parts["fence" if name == "name" else name].line if name in parts or name == "name" else line
-        problems.add(at, f"{name}: {in_words(text)}" if name else in_words(text))
+        text = mistake(error, Fence)
+        named = {**parts, "name": parts["fence"]} if "fence" in parts else parts
+        problems.add(line_of(text, named, line), text)
         return None
 
 
@@ -176,7 +175,7 @@ class _Zones:
         try:
             zone = msgspec.convert(fields, Zone)
         except msgspec.ValidationError as error:
-            self._problems.add(node.line, f"{name}: {in_words(str(error).partition(' - at')[0])}")
+            self._problems.add(node.line, f"{name}: {mistake(error, Zone)}")
             return None
         if reason := zone_refusal(zone):
             self._problems.add(node.line, f"{name}: {reason}")

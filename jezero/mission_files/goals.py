@@ -6,8 +6,9 @@ from typing import Any
 
 import msgspec
 
+from jezero.base.mistakes import mistake, own_fields, unknown
 from jezero.mission_files.nodes import Node
-from jezero.mission_files.problems import Problems, did_you_mean, listed
+from jezero.mission_files.problems import Problems
 from jezero.schemas.rows import Action
 
 CHOSEN = ("goal_id", "issued_t_ns", "plan_id", "plan_from_ned_m", "on_client_loss")
@@ -18,12 +19,6 @@ PLACE = "_ned_m"
 """Fields whose names end so take the name of a point or of an area."""
 HEIGHTS = {"altitude_m": 1.0, "z_ned_m": -1.0}
 """Fields that also take `{amsl_m: metres above sea level}`, and the sign of a height in them."""
-TYPES = {
-    "float": "a number", "int": "a whole number", "bool": "true or false", "str": "a text", "array": "a list",
-    "object": "fields", "null": "nothing",
-}  # fmt: skip
-_PATH = re.compile(r" - at `\$(?:\.(\w+))?(.*)`$")
-_TYPE = re.compile(r"`([a-z| ]+)`")
 
 
 class Places:
@@ -69,17 +64,16 @@ def goal_fields(action: Action[Any], fields: Mapping[str, Node], line: int, plac
     Args:
         line: of the step.
     """
-    known = [field.name for field in msgspec.structs.fields(action.goal_type) if field.name not in CHOSEN]
+    own = [name for name in own_fields(action.goal_type) if name not in CHOSEN]
     goal: dict[str, Any] = {}
-    if RALLY_POINTS in known and places.rally_points_m:
+    if RALLY_POINTS in own and places.rally_points_m:
         goal[RALLY_POINTS] = places.rally_points_m
     before = len(problems.found)
     for name, node in fields.items():
         if name in CHOSEN:
             problems.add(node.line, f"{name} is chosen when the mission is flown: leave it out")
-        elif name not in known:
-            hint = did_you_mean(name, known) or f"; its fields are {listed(known)}"
-            problems.add(node.line, f"{action.name} has no field {name!r}{hint}")
+        elif name not in own:
+            problems.add(node.line, f"{action.name}: {unknown('field', name, own)}")
         elif isinstance(node.value, dict) and name in HEIGHTS:
             goal[name] = HEIGHTS[name] * height_m(name, node, places, problems)
         elif isinstance(node.value, str) and name.endswith(PLACE):
@@ -124,8 +118,7 @@ def _place(field: str, node: Node, places: Places, problems: Problems) -> dict[s
     if name in places.areas:
         problems.add(node.line, f"{name!r} is an area, and {field} is a point")
         return {}
-    known = f"points: {listed(places.points)}; areas: {listed(places.areas)}"
-    problems.add(node.line, f"no point or area is named {name!r}{did_you_mean(name, places.names) or ';'} {known}")
+    problems.add(node.line, f"{field}: {unknown('point or area', name, places.names)}")
     return {}
 
 
@@ -135,22 +128,11 @@ def _check(
     try:
         msgspec.convert(goal, action.goal_type)
     except msgspec.ValidationError as error:
-        text = str(error)
-        path = _PATH.search(text)
-        name = path.group(1) if path else None
-        where = f"{name}{path.group(2)}: " if path and name else f"{action.name}: "
-        at = fields[name].line if name is not None and name in fields else line
-        problems.add(at, where + in_words(_PATH.sub("", text)))
+        text = mistake(error, action.goal_type)
+        problems.add(line_of(text, fields, line), f"{action.name}: {text}")
 
 
-def in_words(error: str) -> str:
-    """An error of msgspec in words: Expected `float`, got `str` -> expected a number, not a text."""
-
-    def words(match: re.Match[str]) -> str:
-        names = [TYPES.get(name.strip(), name.strip()) for name in match.group(1).split("|")]
-        return " or ".join(names)
-
-    if missing := re.fullmatch(r"Object missing required field `(\w+)`", error):
-        return f"{missing.group(1)} is missing"
-    text = _TYPE.sub(words, error).replace(", got ", ", not ")
-    return text[0].lower() + text[1:]
+def line_of(mistake: str, fields: Mapping[str, Node], line: int) -> int:
+    """The line of the field that a mistake is about, as it begins with the field's path; else `line`."""
+    found = re.match(r"\w+", mistake)
+    return fields[found[0]].line if found and found[0] in fields else line

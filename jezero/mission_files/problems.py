@@ -1,6 +1,5 @@
 """Mistakes in a mission file, and the error that names them."""
 
-import difflib
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -47,12 +46,6 @@ class Problems:
     def add(self, line: int, text: str) -> None:
         """Note a mistake."""
         self.found.append(Problem(line, text))
-
-
-def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """The known word that is meant perhaps, as the rest of a sentence, or ""."""
-    close = difflib.get_close_matches(word, list(known), n=1)
-    return f"; did you mean {close[0]!r}?" if close else ""
 
 
 def listed(words: Iterable[str]) -> str:

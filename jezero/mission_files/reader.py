@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from jezero.base.mistakes import mistake, unknown
 from jezero.base.plugins import all_actions
 from jezero.mission_files.goals import Places, height_m
 from jezero.mission_files.nodes import Node, UnreadableError, parse
-from jezero.mission_files.problems import MissionFileError, Problem, Problems, did_you_mean, listed
+from jezero.mission_files.problems import MissionFileError, Problem, Problems, listed
 from jezero.mission_files.steps import Steps, failure_policy
 from jezero.schemas.mission import FailurePolicy, Mission
 from jezero.schemas.rows import Action
@@ -77,8 +78,7 @@ class _Reader:
         fields: dict[str, Node] = root.value
         for name, node in fields.items():
             if name not in PARTS:
-                hint = did_you_mean(name, PARTS) or f"; known are {listed(PARTS)}"
-                self._problems.add(node.line, f"there is no {name!r} in a mission{hint}")
+                self._problems.add(node.line, unknown("part of a mission", name, PARTS))
         for name, node in self._named(fields, "points").items():
             self._add_point(name, node)
         for name, node in self._named(fields, "areas").items():
@@ -141,7 +141,7 @@ class _Reader:
                 line = fields["mission"].line if "mission" in fields else 1
                 self._problems.add(line, "the mission's name has letters, digits, `_`, `-` and `.`, 64 at most")
             elif not self._problems.found:
-                self._problems.add(1, str(error))
+                self._problems.add(1, mistake(error, Mission))
         return None
 
     # -- places --

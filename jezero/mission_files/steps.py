@@ -5,9 +5,10 @@ from typing import Any
 
 import msgspec
 
-from jezero.mission_files.goals import PLACE, Places, goal_fields, in_words
+from jezero.base.mistakes import mistake, unknown
+from jezero.mission_files.goals import PLACE, Places, goal_fields
 from jezero.mission_files.nodes import Node
-from jezero.mission_files.problems import Problems, did_you_mean, listed
+from jezero.mission_files.problems import Problems, listed
 from jezero.schemas.mission import STEPS_MAX, WAIT_MAX_S, FailurePolicy, GoalStep, Step, WaitStep
 from jezero.schemas.rows import Action
 
@@ -21,10 +22,9 @@ def failure_policy(node: Node, problems: Problems) -> FailurePolicy:
     try:
         return msgspec.convert(node.plain, FailurePolicy)
     except msgspec.ValidationError as error:
-        text = in_words(str(error)).replace(" - at `$.", " at `")
         problems.add(
             node.line,
-            f"on_failure needs {{retries: 0 to 10, then: stop, skip, return or land}}: {text}",
+            f"on_failure needs {{retries: 0 to 10, then: stop, skip, return or land}}: {mistake(error, FailurePolicy)}",
         )
         return FailurePolicy()
 
@@ -92,9 +92,7 @@ class Steps:
     def _goal(self, name: str, node: Node, places: Places, policy: FailurePolicy) -> None:
         action = self._actions.get(name)
         if action is None:
-            known = [*self._actions, *LOOPS]
-            hint = did_you_mean(name, known)
-            self._problems.add(node.line, f"there is no action {name!r}{hint or f'; known are {listed(known)}'}")
+            self._problems.add(node.line, unknown("action", name, (*self._actions, *LOOPS)))
             return
         fields = {} if node.value is None else node.value
         if not isinstance(fields, dict):
@@ -157,8 +155,7 @@ class Steps:
         if isinstance(value, str) and value in places.points:
             return places.points[value]
         if isinstance(value, str):
-            hint = did_you_mean(value, places.points) or f"; the points are {listed(places.points)}"
-            self._problems.add(node.line, f"no point is named {value!r}{hint}")
+            self._problems.add(node.line, unknown("point", value, places.points))
             return None
         try:
             return list(msgspec.convert(value, tuple[float, float, float]))

@@ -48,8 +48,10 @@ class Table:
         Raises:
             ModuleNotFoundError: pandas is not installed.
         """
-        import pandas as pd
-
+        try:
+            import pandas as pd
+        except ModuleNotFoundError as error:
+            raise ModuleNotFoundError("a data frame needs pandas: pip install pandas", name=error.name) from None
         return pd.DataFrame(dict(self.flat()))
 
 

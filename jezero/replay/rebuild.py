@@ -1,12 +1,12 @@
 """A service made again as it was when it was recorded, or with some of its settings changed."""
 
-import difflib
 import inspect
 from collections.abc import Mapping
 from typing import Any, get_type_hints
 
 import msgspec
 
+from jezero.base.mistakes import mistake, unknown
 from jezero.base.plugins import PluginError
 from jezero.recording.journals import leaves
 from jezero.recording.mcap_file import RecordingError
@@ -34,12 +34,14 @@ def make_service(name: str, made_with: Mapping[str, Any]) -> Service:
         raise RecordingError(f"{name!r} is neither an action server nor a service that this version can replay")
     maker = resolve(row.maker)
     hints = get_type_hints(maker.__init__ if inspect.isclass(maker) else maker)
-    try:
-        arguments = {each: msgspec.convert(value, hints[each]) for each, value in made_with.items()}
-    except KeyError as error:
-        raise RecordingError(f"this version of jezero makes {name!r} without the recorded argument {error}") from None
-    except msgspec.ValidationError as error:
-        raise SettingError(f"{name}: {error}") from None
+    if strange := [each for each in made_with if each not in hints]:
+        raise RecordingError(f"this version of jezero makes {name!r} without the recorded argument {strange[0]!r}")
+    arguments = {}
+    for each, value in made_with.items():
+        try:
+            arguments[each] = msgspec.convert(value, hints[each])
+        except msgspec.ValidationError as error:
+            raise SettingError(f"{name}: {mistake(error, hints[each], 'setting')}") from None
     parameters = inspect.signature(maker).parameters.values()
     if missing := [each.name for each in parameters if each.default is each.empty and each.name not in arguments]:
         raise RecordingError(f"this version of jezero can't make {name!r} without {', '.join(missing)}: not recorded")
@@ -67,9 +69,7 @@ def changed(made_with: Mapping[str, Any], changes: Mapping[str, str]) -> dict[st
         found = [path for path in paths if path == name or path.endswith(f".{name}")]
         if not found:
             names = sorted({path.rpartition(".")[2] for path in paths})
-            near = difflib.get_close_matches(name.rpartition(".")[2], names, n=3)
-            hint = f"did you mean {' or '.join(near)}?" if near else f"settings: {', '.join(names)}"
-            raise SettingError(f"{name} is no setting of this service; {hint}")
+            raise SettingError(unknown("setting", name.rpartition(".")[2], names))
         if len(found) > 1:
             raise SettingError(f"{name} is the name of several settings: give one of {', '.join(found)}")
         try:

@@ -17,6 +17,7 @@ import msgspec
 from msgspec import Meta
 
 from jezero.base.config import Config, ConfigError
+from jezero.base.mistakes import mistake
 from jezero.base.router_address import is_loopback, shown_router
 from jezero.keys.bundle import INSECURE_VARIABLE, given_endpoint
 from jezero.schemas.struct import END
@@ -123,10 +124,8 @@ def _instance_of(given: dict[str, str]) -> Instance:
     try:
         return msgspec.convert(given, Instance, strict=False)
     except msgspec.ValidationError as error:
-        wrong = re.search(r"(.*) - at `\$\.(\w+)`", str(error))
-        assert wrong is not None
-        field = wrong[2]
-        expected = NAME_EXPECTED if field == "vehicle" else wrong[1].replace("Expected", "expected")
+        field, _, expected = mistake(error, Instance).partition(": ")
+        expected = NAME_EXPECTED if field == "vehicle" else expected
         raise ConfigError(f"{_VARIABLES[field]} is {given[field]!r}: {expected}") from None
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from math import ceil, degrees, isfinite, radians
 from typing import Any, Literal
 
+from jezero.base.mistakes import missing, out_of_range, wrong_type
 from jezero.schemas.actions import PlanReply
 from jezero.services.ground_station.words import DEGREES, UNITS, duration, in_words, label_of
 
@@ -202,7 +203,7 @@ def _has_number(field: FormField) -> bool:
 def _missing(field: FormField) -> str:
     if field.kind == "area":
         return "Draw the area on the map: click its corners"
-    return f"{field.label} is needed"
+    return missing(field.label)
 
 
 def _value(field: FormField, typed: Any) -> Any:
@@ -223,7 +224,7 @@ def _value(field: FormField, typed: Any) -> Any:
         return [list(part) for part in typed]
     number = _number(field, typed)
     if field.kind == "integer" and number != int(number):
-        raise ValueError(f"{field.label} is a whole number")
+        raise ValueError(f"{field.label}: {wrong_type('a whole number', f'{number:g}')}")
     if field.in_radians:
         return radians(number)
     return int(number) if field.kind == "integer" else number
@@ -241,11 +242,13 @@ def _number(field: FormField, typed: Any) -> float:
     try:
         number = float(typed)
     except (TypeError, ValueError):
-        raise ValueError(f"{typed!r} is no number") from None
+        kind = "a whole number" if field.kind == "integer" else "a number"
+        raise ValueError(f"{field.label}: {wrong_type(kind, 'a text')}") from None
     low = field.minimum is not None and number < field.minimum
     high = field.maximum is not None and number > field.maximum
     if not isfinite(number) or low or high:
-        raise ValueError(f"{field.label} must be a number {field.range_words}".rstrip())
+        whole = field.kind == "integer"
+        raise ValueError(f"{field.label}: {out_of_range(field.minimum, field.maximum, whole=whole)}")
     return number
 
 

@@ -15,6 +15,7 @@ import msgspec
 from msgspec.structs import replace
 
 from jezero.base.frames import altitude_m
+from jezero.base.mistakes import mistake, unknown
 from jezero.base.plugins import all_actions
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.service import Health, Inbox, Output, Publish, Reply, Request, Spec
@@ -312,12 +313,11 @@ class MissionService:
                 continue
             action = self._actions.get(step.action)
             if action is None:
-                known = ", ".join(self._actions)
-                return f"step {number}: there is no action {step.action!r}; the actions are {known}"
+                return f"step {number}: {unknown('action', step.action, self._actions)}"
             try:
                 goal_of(action, step.goal, "check", 0)
             except msgspec.ValidationError as error:
-                return f"step {number}, {step.label}: {error}"
+                return f"step {number}, {step.label}: {action.name}: {mistake(error, action.goal_type)}"
         return ""
 
     def _command(self, request: Request, inbox: Inbox) -> Iterator[Output]:

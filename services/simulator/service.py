@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from math import inf
 
-from jezero.base.frames import euler_from_quat, subtract
+from jezero.base.frames import Vec3, euler_from_quat, subtract
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.service import Health, Inbox, Output, Publish, Reply, Send, Spec
 from jezero.schemas import sensors as messages
@@ -29,6 +29,7 @@ from jezero.services.simulator.wind import Wind
 STEPS_PER_S = 250
 DT_S = 1.0 / STEPS_PER_S
 HIL = "hil"
+DOWN_FRD: Vec3 = (0.0, 0.0, 1.0)
 BEHIND_NS = 20_000_000
 EPOCHS_PER_BOOT = 1000
 EPOCH_LIMIT = 2**53
@@ -233,7 +234,7 @@ class Simulator:
         """Publish the readings that the autopilot does not get."""
         if self._when_altimeter.due(t_ns):
             mount = self._vehicle.altimeter
-            range_m = self._world.range_along_down_m(mount.pos_altimeter_frd_m, mount.range_max_m)
+            range_m = self._world.range_m(mount.pos_altimeter_frd_m, DOWN_FRD, mount.range_max_m)
             self._height_rotor_m = inf if range_m is None else range_m + mount.pos_altimeter_frd_m[2]
             self._when_altimeter.put(t_ns, self._altimeter.measure(t_ns, range_m))
         if (altimeter := self._when_altimeter.arrived(t_ns)) is not None:

@@ -17,6 +17,7 @@ from jezero.base.frames import (
     q_ned_from_frd,
     quat_conjugate,
     quat_rotate,
+    scale,
 )
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.services.simulator.body import BodyState, RoverState
@@ -78,11 +79,19 @@ class World:
         self.state = self._read(before.vel_ned_mps)
         return self.state
 
-    def range_along_down_m(self, mount_frd_m: Vec3, range_max_m: float) -> float | None:
-        """Distance from a point on the vehicle along its down axis to the nearest surface, None beyond the maximum."""
+    def range_m(self, mount_frd_m: Vec3, direction_frd: Vec3, range_max_m: float) -> float | None:
+        """Distance from a point on the vehicle along a direction to the nearest surface, None beyond the maximum.
+
+        The vehicle's own hull, rotors and feet stop a beam too: a beam starts outside the hull.
+
+        Args:
+            mount_frd_m: start of the beam, from the vehicle's centre of mass.
+            direction_frd: unit vector; (0, 0, 1) is the body's down axis, (1, 0, 0) its forward axis.
+            range_max_m: length of the beam.
+        """
         pos_ned_m, q = self.state.pos_ned_m, self.state.q_ned_from_frd
         mount_ned_m = quat_rotate(q, mount_frd_m)
-        beam_ned_m = quat_rotate(q, (0.0, 0.0, range_max_m))
+        beam_ned_m = quat_rotate(q, scale(direction_frd, range_max_m))
         x, y, z = (p + m for p, m in zip(pos_ned_m, mount_ned_m, strict=True))
         start_enu_m = enu_from_ned((x, y, z))
         end_enu_m = enu_from_ned((x + beam_ned_m[0], y + beam_ned_m[1], z + beam_ned_m[2]))

@@ -1,9 +1,9 @@
 """Requests to the bridge, replied to at once or when they have taken effect, and those to actions that don't exist."""
 
 from collections.abc import Callable, Collection, Iterator
-from difflib import get_close_matches
 from typing import Any
 
+from jezero.base.mistakes import unknown
 from jezero.runtime.service import Inbox, Output, Reply, Request
 from jezero.schemas.actions import CancelReply, ModifyReply, PauseReply, PlanReply, Rejected, ResumeReply
 from jezero.schemas.commands import (
@@ -159,7 +159,6 @@ REFUSALS: dict[str, Callable[[str], Payload]] = {
     "modify": lambda why: ModifyReply(modified=False, reason=why),
 }
 """Replies by the part of the key behind the action's name."""
-NAME_LENGTH_MAX = 64
 
 
 def unknown_action_refusal(key: str, actions: Collection[str]) -> Payload | None:
@@ -174,9 +173,4 @@ def unknown_action_refusal(key: str, actions: Collection[str]) -> Payload | None
     name, _, request = key.removeprefix("@action/").partition("/")
     if name in actions or key == RESULT.name or request not in REFUSALS:
         return None
-    nearest = get_close_matches(name, actions, n=1)
-    meant = f" Did you mean {nearest[0]}?" if nearest else ""
-    shown = name if len(name) <= NAME_LENGTH_MAX else f"{name[:NAME_LENGTH_MAX]}…"
-    return REFUSALS[request](
-        f"there is no action {shown!r}; there are {', '.join(actions)}.{meant} `action/*/description` has their fields"
-    )
+    return REFUSALS[request](f"{unknown('action', name, actions)}. `action/*/description` has their fields")

@@ -10,7 +10,8 @@ pytest.importorskip("argon2", reason="the extra jezero[ground] is not installed"
 from jezero.cli import stack
 from jezero.cli.ground import ground
 from jezero.cli.main import main
-from jezero.cli.stack import GROUND_STATION, _read_services, _shipped_compose_file
+from jezero.cli.stack import GROUND_STATION, _read_services
+from jezero.deploy.launcher.compose import shipped_compose_file
 from jezero.services.ground_station.access import matches, read_password
 
 
@@ -19,7 +20,7 @@ def test_a_stack_without_the_extra_starts_without_the_ground_station_and_says_so
 ) -> None:
     monkeypatch.delenv("JEZERO_GROUND", raising=False)
     monkeypatch.setattr(stack, "find_spec", lambda name: None)
-    services = _read_services(_shipped_compose_file(), (), linked=False)
+    services = _read_services(shipped_compose_file(), (), linked=False)
     assert GROUND_STATION not in services
     assert "vehicle_bridge" in services
     expected = "no ground station in the browser, which is an extra: pip install 'jezero[ground]'\n"
@@ -29,8 +30,8 @@ def test_a_stack_without_the_extra_starts_without_the_ground_station_and_says_so
 def test_a_stack_with_the_extra_has_the_ground_station(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("JEZERO_GROUND", raising=False)
     monkeypatch.setattr(stack, "find_spec", lambda name: object())
-    assert GROUND_STATION in _read_services(_shipped_compose_file(), (), linked=False)
-    assert GROUND_STATION not in _read_services(_shipped_compose_file(), ("control",), linked=False)
+    assert GROUND_STATION in _read_services(shipped_compose_file(), (), linked=False)
+    assert GROUND_STATION not in _read_services(shipped_compose_file(), ("control",), linked=False)
 
 
 def test_a_password_is_read_from_standard_input_and_only_its_hash_is_written(

@@ -62,8 +62,8 @@ def test_a_recording_shows_every_setting_in_force(recording: Path) -> None:
     ("words", "exit_code", "sentence"),
     [
         (("estimater",), 1, "has no journal of 'estimater'; services with a journal: "),
-        (("estimator", "--set", "std_uwb=0.1"), 1, "std_uwb is no setting of this service; did you mean std_uwb_m"),
-        (("estimator", "--set", "std_uwb_m=-1"), 1, "Expected `float` >= 0.001"),
+        (("estimator", "--set", "std_uwb=0.1"), 1, "there is no setting 'std_uwb'; did you mean 'std_uwb_m'?"),
+        (("estimator", "--set", "std_uwb_m=-1"), 1, "std_uwb_m: expected a number from 0.001"),
         (("estimator", "--set", "std_uwb_m"), 2, "give a setting and its value, such as --set std_uwb_m=0.05"),
     ],
 )

@@ -59,11 +59,11 @@ def test_the_first_difference_names_only_the_fields_that_differ(recording: Path)
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"std_uwb": "0.1"}, "std_uwb is no setting of this service; did you mean std_uwb_m"),
-        ({"zebra": "0.1"}, "zebra is no setting of this service; settings: "),
+        ({"std_uwb": "0.1"}, "there is no setting 'std_uwb'; did you mean 'std_uwb_m'? Known are "),
+        ({"zebra": "0.1"}, "there is no setting 'zebra'; known are "),
         ({"std_uwb_m": "ten"}, "std_uwb_m=ten: 'ten' is no value of TOML"),
-        ({"std_uwb_m": "-1.0"}, "estimator: Expected `float` >"),
-        ({"std_uwb_m": '"a"'}, "estimator: Expected `float`, got `str`"),
+        ({"std_uwb_m": "-1.0"}, "estimator: tuning.std_uwb_m: expected a number from 0.001"),
+        ({"std_uwb_m": '"a"'}, "estimator: tuning.std_uwb_m: expected a number, not a text"),
         ({"range_max_m": "1.0"}, "range_max_m is the name of several settings: give one of "),
     ],
 )

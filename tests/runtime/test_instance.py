@@ -18,9 +18,9 @@ from jezero.runtime.instance import instance_from_environment
             "tls/here:1 needs keys: name the folder of a bundle with --keys or JEZERO_KEYS",
         ),
         ("JEZERO_ROUTER", "tcp/10.0.0.1:1", "without TLS whoever is on the network of tcp/10.0.0.1:1 could fly"),
-        ("JEZERO_INSTANCE", "250", "is '250': expected `int` <= 249"),
-        ("JEZERO_INSTANCE", "one", "is 'one': expected `int`"),
-        ("JEZERO_GCS_PORT", "0", "is '0': expected `int` >= 1"),
+        ("JEZERO_INSTANCE", "250", "is '250': expected a whole number from 0 to 249"),
+        ("JEZERO_INSTANCE", "one", "is 'one': expected a whole number, not a text"),
+        ("JEZERO_GCS_PORT", "0", "is '0': expected a whole number from 1 to 65535"),
     ],
 )
 def test_a_wrong_variable_is_named_with_its_value_and_what_is_expected(

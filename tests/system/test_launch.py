@@ -106,6 +106,24 @@ def test_services_stop_in_reverse_order_and_print_into_logs(toy: Stack, tmp_path
     assert "hello from late" in toy.jezero("logs", "-n", "100").stdout  # also of a run that is over
 
 
+def test_a_stack_of_another_run_folder_is_named_with_the_command_that_looks_there(toy: Stack, tmp_path: Path) -> None:
+    file = compose_file(tmp_path, "  first: {command: sleep 1000}\n")
+    toy.jezero("up", "-d", "-f", file)
+    vehicle, other = toy.instance.vehicle, str(tmp_path / "other")
+    named = f"vehicle {vehicle} runs in {toy.run_dir}: `jezero {{}} --run-dir {toy.run_dir}`"
+    for command in ("ps", "down"):
+        shown = toy.jezero(command, "--run-dir", other).stdout.splitlines()
+        assert shown[0] == f"nothing runs in {other}" and named.format(command) in shown[1:]
+    assert named.format("ps") in toy.jezero("ps", "--json", "--run-dir", other).stderr
+    assert named.format("logs") in toy.jezero("logs", "--run-dir", other).stderr
+    assert named.format("logs") in toy.jezero("logs", "first", "--run-dir", other, check=False).stderr
+    status = toy.jezero("status", "--router", "tcp/127.0.0.1:1", check=False)
+    where = f"vehicle {vehicle} runs in {toy.run_dir}: add --vehicle {vehicle} --router {toy.instance.router}"
+    assert status.returncode != 0 and where in status.stderr.splitlines()
+    assert rows(toy)["first"]["state"] == "running"  # `down` has not stopped it
+    assert named.format("ps") not in toy.jezero("ps").stdout
+
+
 @pytest.mark.long
 def test_a_service_waits_until_its_dependencies_are_healthy(toy: Stack, tmp_path: Path) -> None:
     health = "healthcheck: {test: [NEVER RUN]}"

@@ -270,7 +270,7 @@ def test_a_wrong_setting_ends_the_start_at_once_and_is_named(toy: Stack, tmp_pat
     failed = toy.jezero("up", "--wait", "-f", file, check=False)
     first = failed.stderr.splitlines()[0]
     assert f"tag_detector: ended with exit code 78: {settings}/tag_detector.toml: " in first
-    assert "unknown field `speling_m`" in first and "Traceback" not in failed.stderr
+    assert "there is no setting 'speling_m'" in first and "Traceback" not in failed.stderr
     (row,) = (row for row in json.loads(toy.jezero("ps", "--json").stdout) if row["service"] == "tag_detector")
     assert (row["state"], row["restarts"]) == ("failed", 0)
 

@@ -94,6 +94,57 @@ def test_the_wheel_flies(installed: Path, tmp_path: Path) -> None:
     assert flight["touchdown_error_m"] < 1.0
 
 
+CLIENT = """
+import jezero, jezero.aio, jezero.client.dataset
+from jezero import Vehicle, Unreachable
+try:
+    Vehicle.connect("uav1", router="tcp/127.0.0.1:1", timeout_s=0.5)
+except Unreachable as error:
+    print(error)
+try:
+    import jezero.recording
+except ModuleNotFoundError as error:
+    print(error)
+"""
+
+
+def interpreter(version: str) -> Path | None:
+    """An interpreter that works: a shim of pyenv may be on the path for a version that is not chosen."""
+    found = [*Path.home().glob(f".pyenv/versions/{version}.*/bin/python{version}")]
+    if named := shutil.which(f"python{version}"):
+        found.insert(0, Path(named))
+    works = (path for path in found if subprocess.run([path, "-V"], capture_output=True, check=False).returncode == 0)
+    return next(works, None)
+
+
+@pytest.mark.parametrize("version", ["3.12", "3.13"])
+def test_the_client_alone_works_with_later_versions_of_python(wheel: Path, tmp_path: Path, version: str) -> None:
+    python = interpreter(version)
+    if python is None:
+        pytest.skip(f"there is no python{version} on this machine")
+    subprocess.run([python, "-m", "venv", str(tmp_path / "venv")], check=True)
+    new = tmp_path / "venv" / "bin" / "python"
+    installed = run(new, "-m", "pip", "--disable-pip-version-check", "install", "--quiet", str(wheel), cwd=tmp_path)
+    if installed.returncode != 0:
+        pytest.skip(f"the client's dependencies can't be had for python{version}: {installed.stderr[-300:]}")
+    done = run(new, "-c", CLIENT, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    unreachable, extra = done.stdout.splitlines()
+    assert "no router at tcp/127.0.0.1:1" in unreachable
+    assert extra == "jezero.recording needs mcap, which is not installed: pip install 'jezero[cli]'"
+
+
+def test_only_the_extra_with_the_simulator_is_bound_to_one_version_of_python(wheel: Path) -> None:
+    names = zipfile.ZipFile(wheel).namelist()
+    (metadata,) = (name for name in names if name.endswith(".dist-info/METADATA"))
+    text = zipfile.ZipFile(wheel).read(metadata).decode()
+    assert "Requires-Python: >=3.11\n" in text
+    assert [line for line in text.splitlines() if "pybullet" in line and line.startswith("Requires-Dist")] == [
+        "Requires-Dist: pybullet>=3.2.7; extra == 'sim'"
+    ]
+    assert "python_version" not in text
+
+
 TYPED = """
 import asyncio
 from jezero import Aborted, Vehicle, aio

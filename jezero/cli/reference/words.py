@@ -124,6 +124,7 @@ SIMPLE: dict[type[types.Type], str] = {
     types.IntType: "whole number",
     types.FloatType: "number",
     types.StrType: "text",
+    types.BytesType: "bytes",
     types.AnyType: "anything",
 }
 

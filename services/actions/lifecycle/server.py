@@ -18,6 +18,7 @@ from typing import Any, Literal
 import msgspec
 
 from jezero.base.frames import Vec3, add, geodetic_from_ned
+from jezero.base.mistakes import mistake, own_fields, unknown
 from jezero.base.vehicle_config import BatteryConfig
 from jezero.runtime.service import (
     BackgroundTask,
@@ -1232,11 +1233,12 @@ def changed_goal(action: Action[Any], goal: Goal, fields: Mapping[str, Any]) -> 
         return Refusal(f"no field is given: while it is flown, {can}")
     for name in fields:
         if name not in goal.__struct_fields__:
-            return Refusal(f"{action.name} has no field {name!r}: while it is flown, {can}")
+            no_field = unknown("field", name, own_fields(action.goal_type))
+            return Refusal(f"{action.name}: {no_field}; while it is flown, {can}")
         if name not in action.changeable:
             return Refusal(f"{name} can't change while the goal is flown: {can}")
     try:
         changed: Goal = msgspec.convert({**msgspec.to_builtins(goal), **fields}, action.goal_type)
     except msgspec.ValidationError as error:
-        return Refusal(f"{action.name}: {error}")
+        return Refusal(f"{action.name}: {mistake(error, action.goal_type)}")
     return changed

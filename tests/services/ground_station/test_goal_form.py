@@ -70,7 +70,11 @@ def test_several_choices_become_a_list() -> None:
 
 @pytest.mark.parametrize(
     ("typed", "sentence"),
-    [("high", "'high' is no number"), ("nan", "altitude must be a number"), ("inf", "altitude must be a number")],
+    [
+        ("high", "altitude: expected a number, not a text"),
+        ("nan", "altitude: expected a number"),
+        ("inf", "altitude: expected a number"),
+    ],
 )
 def test_what_is_no_number_is_told_at_its_field(typed: str, sentence: str) -> None:
     goal, problems = goal_from(form_of(TAKEOFF.description.goal)[1], {"altitude_m": typed})
@@ -80,12 +84,12 @@ def test_what_is_no_number_is_told_at_its_field(typed: str, sentence: str) -> No
 
 def test_a_number_out_of_range_is_told_with_its_range() -> None:
     _, problems = goal_from(form_of(AREA_COVERAGE.description.goal)[1], {"overlap": "1.5"})
-    assert problems["overlap"] == "overlap must be a number 0 to 0.95"
+    assert problems["overlap"] == "overlap: expected a number from 0 to 0.95"
 
 
 def test_an_emptied_number_is_not_flown_with_the_number_that_it_stands_for() -> None:
     fields = form_of(TAKEOFF.description.goal)[1]
-    assert goal_from(fields, {"altitude_m": ""})[1] == {"altitude_m": "altitude is needed"}
+    assert goal_from(fields, {"altitude_m": ""})[1] == {"altitude_m": "altitude is missing"}
     speed = [field for field in form_of(GO_TO.description.goal)[1] if field.name == "speed_mps"]
     assert goal_from(speed, {"speed_mps": ""}) == ({}, {})  # the vehicle chooses it, as the form says
 
@@ -95,8 +99,8 @@ def test_missing_fields_are_told() -> None:
     _, problems = goal_from(fields, {"center_ned_m": ["1", "", "5"], "num_images": "2.5"})
     assert problems == {
         "center_ned_m": "center needs all of north, east, height",
-        "radius_m": "radius is needed",
-        "num_images": "num images is a whole number",
+        "radius_m": "radius is missing",
+        "num_images": "num images: expected a whole number, not 2.5",
     }
 
 

@@ -3,7 +3,7 @@
 import subprocess
 import sys
 from collections.abc import Iterator
-from math import atan2, degrees, isfinite, radians
+from math import atan2, cos, degrees, isfinite, radians, sin, sqrt
 
 import msgspec
 import numpy as np
@@ -24,6 +24,7 @@ PLATFORM_M = VEHICLE.platform.height_m
 TERRAIN = make_terrain(CONFIG.terrain)
 WEIGHT_N = 1.5 * 9.81
 ZERO: Vec3 = (0.0, 0.0, 0.0)
+DOWN: Vec3 = (0.0, 0.0, 1.0)
 HIGH_M = 1000.0
 AT_REST = BodyState(ZERO, ZERO, (1.0, 0.0, 0.0, 0.0), ZERO, (0.0, 0.0, -9.81))
 
@@ -256,19 +257,39 @@ def test_a_driving_rover_carries_the_vehicle_along() -> None:
 def test_the_beam_sees_ground_platform_and_nothing(world: World, rover: Rover) -> None:
     lens: Vec3 = (0.0, 0.0, 0.05)
     world.place_uav((12.0, -7.0, -6.0), 0.0)
-    assert world.range_along_down_m(lens, 10.0) == pytest.approx(5.95 - TERRAIN.height_m(12.0, -7.0), abs=0.003)
+    assert world.range_m(lens, DOWN, 10.0) == pytest.approx(5.95 - TERRAIN.height_m(12.0, -7.0), abs=0.003)
     north_m, east_m, down_m = rover.state.pos_ned_m
     world.place_uav((north_m, east_m, down_m - 3.0), 0.0)
-    assert world.range_along_down_m(lens, 10.0) == pytest.approx(2.95, abs=1e-6)
+    assert world.range_m(lens, DOWN, 10.0) == pytest.approx(2.95, abs=1e-6)
     world.place_uav((12.0, -7.0, -11.0), 0.0)
-    assert world.range_along_down_m(lens, 10.0) is None
+    assert world.range_m(lens, DOWN, 10.0) is None
 
 
 def test_a_tilted_beam_is_longer(world: World) -> None:
     """Rolled by 60 degrees, 4 m up over level ground: 8 m, less the lens' mount."""
     world.place_uav((100.0, 0.0, -4.0), 0.0)
     world.state = world.state._replace(q_ned_from_frd=quat_from_euler(radians(60.0), 0.0, 0.0))
-    assert world.range_along_down_m((0.0, 0.0, 0.05), 10.0) == pytest.approx(7.95, abs=1e-6)
+    assert world.range_m((0.0, 0.0, 0.05), DOWN, 10.0) == pytest.approx(7.95, abs=1e-6)
+
+
+def test_a_beam_points_in_any_direction_of_the_body(world: World, rover: Rover) -> None:
+    """The platform is 1 m wide: 3 m beside its middle, its edge is 2.5 m away, less 0.4 m of the lens' mount.
+
+    The vehicle looks along the rover's side, so that the beam meets the edge at a right angle.
+    """
+    north_m, east_m, down_m = rover.state.pos_ned_m
+    yaw_rad = rover.state.yaw_rad
+    beside: Vec3 = (north_m - 3.0 * cos(yaw_rad), east_m - 3.0 * sin(yaw_rad), down_m + 0.03)
+    world.place_uav(beside, yaw_rad)
+    lens: Vec3 = (0.4, 0.0, 0.0)
+    assert world.range_m(lens, (1.0, 0.0, 0.0), 10.0) == pytest.approx(2.1, abs=1e-3)
+    assert world.range_m(lens, (1.0, 0.0, 0.0), 2.0) is None
+    world.place_uav(beside, yaw_rad - radians(90.0))
+    assert world.range_m((0.0, 0.4, 0.0), (0.0, 1.0, 0.0), 10.0) == pytest.approx(2.1, abs=1e-3)
+    world.place_uav((100.0, 0.0, -4.0), 0.0)
+    slant: Vec3 = (sqrt(0.75), 0.0, 0.5)
+    assert world.range_m(lens, slant, 10.0) == pytest.approx(8.0, abs=1e-3)
+    assert world.range_m((0.0, 0.0, -0.1), (0.0, 0.0, -1.0), 100.0) is None
 
 
 def test_rocks_stop_the_vehicle(world: World) -> None:
@@ -276,7 +297,7 @@ def test_rocks_stop_the_vehicle(world: World) -> None:
     north_m, east_m, _ = corners.mean(axis=0).tolist()
     ground_m = TERRAIN.height_m(north_m, east_m)
     world.place_uav((north_m, east_m, -5.0), 0.0)
-    range_m = world.range_along_down_m(ZERO, 10.0)
+    range_m = world.range_m(ZERO, DOWN, 10.0)
     assert range_m is not None
     assert range_m < 5.0 - ground_m - 0.05
 

@@ -7,13 +7,13 @@ from jezero.schemas.topics import ACTIONS, UNKNOWN_ACTION
 from jezero.services.vehicle_bridge.requests import unknown_action_refusal
 from tests.services.vehicle_bridge.rig import Rig
 
-THERE_ARE = "there are takeoff, go_to, get_images, area_coverage, land_on_spot, return_home."
+KNOWN = "known are takeoff, go_to, get_images, area_coverage, land_on_spot, return_home."
 
 
 def test_a_goal_of_an_action_that_does_not_exist_is_refused_with_those_that_do() -> None:
     refusal = unknown_action_refusal("@action/fly", tuple(ACTIONS))
     assert isinstance(refusal, Rejected)
-    assert refusal.reason.startswith(f"there is no action 'fly'; {THERE_ARE} `action/*/description`")
+    assert refusal.reason.startswith(f"there is no action 'fly'; {KNOWN} `action/*/description`")
 
 
 @pytest.mark.parametrize(
@@ -23,20 +23,20 @@ def test_a_goal_of_an_action_that_does_not_exist_is_refused_with_those_that_do()
 def test_the_nearest_name_is_suggested(written: str, meant: str) -> None:
     refusal = unknown_action_refusal(f"@action/{written}", tuple(ACTIONS))
     assert isinstance(refusal, Rejected)
-    assert f"Did you mean {meant}?" in refusal.reason
+    assert f"did you mean '{meant}'?" in refusal.reason
 
 
 def test_an_action_of_a_package_is_known_and_suggested() -> None:
     known = (*ACTIONS, "spiral")
     assert unknown_action_refusal("@action/spiral", known) is None
     refusal = unknown_action_refusal("@action/spirale", known)
-    assert isinstance(refusal, Rejected) and "Did you mean spiral?" in refusal.reason
+    assert isinstance(refusal, Rejected) and "did you mean 'spiral'?" in refusal.reason
 
 
 def test_a_plan_and_a_cancel_get_replies_of_their_own_kind() -> None:
     plan, cancel = (unknown_action_refusal(f"@action/fly/{request}", tuple(ACTIONS)) for request in ("plan", "cancel"))
-    assert isinstance(plan, PlanReply) and not plan.accepted and THERE_ARE in plan.reason
-    assert isinstance(cancel, CancelReply) and not cancel.canceled and THERE_ARE in cancel.reason
+    assert isinstance(plan, PlanReply) and not plan.accepted and KNOWN in plan.reason
+    assert isinstance(cancel, CancelReply) and not cancel.canceled and KNOWN in cancel.reason
 
 
 @pytest.mark.parametrize("key", ["@action/takeoff", "@action/takeoff/plan", "@action/result", "@action/fly/nonsense"])

@@ -70,8 +70,8 @@ def test_a_paused_goal_that_is_modified_stays_paused() -> None:
     [
         ({}, "no field is given: while it is flown, go_to can change target_ned_m, yaw_rad, speed_mps"),
         ({"frame": "rover"}, "frame can't change while the goal is flown: go_to can change target_ned_m, yaw_rad"),
-        ({"sped_mps": 2.0}, "go_to has no field 'sped_mps': while it is flown, go_to can change target_ned_m"),
-        ({"speed_mps": "fast"}, "go_to: Expected `float | null`, got `str` - at `$.speed_mps`"),
+        ({"sped_mps": 2.0}, "go_to: there is no field 'sped_mps'; did you mean 'speed_mps'? Known are target_ned_m"),
+        ({"speed_mps": "fast"}, "go_to: speed_mps: expected a number or nothing, not a text"),
         ({"speed_mps": 11.0}, "speed 11 m/s is not within 0.1 to 10 m/s"),
         ({"target_ned_m": [0.0, 0.0, 5.0]}, "5 m up is −5"),
     ],
