@@ -1,12 +1,15 @@
-"""The page of services, topics and endpoints, from the declarations that the services run with."""
+"""The page of services, topics and endpoints, from the declarations that the services run with.
 
+The functions take the actions to show: jezero's own, or those of installed packages too.
+"""
+
+from collections.abc import Mapping
 from typing import Any
 
-from jezero.base.plugins import action_names, all_actions, find_action, plugin_names
 from jezero.cli.reference.words import table
 from jezero.runtime.service import Spec
-from jezero.schemas.rows import Endpoint, Topic
-from jezero.schemas.topics import ENDPOINTS, TOPICS, feedback_of
+from jezero.schemas.rows import Action, Endpoint, Topic
+from jezero.schemas.topics import ACTIONS, ENDPOINTS, TOPICS, feedback_of
 from jezero.services.actions.table import action_server
 from jezero.services.autopilot.service import SPEC as AUTOPILOT
 from jezero.services.estimator.service import SPEC as ESTIMATOR
@@ -21,29 +24,31 @@ from jezero.services.simulator.service import SPEC as SIMULATOR
 from jezero.services.vehicle_bridge.service import SPEC as VEHICLE_BRIDGE
 
 Row = dict[str, Any]
+Actions = Mapping[str, Action[Any]]
 
 
-def all_specs() -> dict[str, Spec]:
+def all_specs(actions: Actions = ACTIONS) -> dict[str, Spec]:
     """Declarations of all services of the stack, by name."""
-    actions = (action_server(name, boot_id=0).spec for name in action_names())
-    mission = MissionService(boot_id=0, actions=all_actions()).spec
+    servers = (action_server(name, boot_id=0).spec for name in actions)
+    mission, preflight = MissionService(boot_id=0, actions=dict(actions)).spec, Preflight(tuple(actions)).spec
     vehicle = (SIMULATOR, CAMERA, AUTOPILOT, ROVER, VEHICLE_BRIDGE, TAG_DETECTOR, ESTIMATOR)
-    return {spec.name: spec for spec in (*vehicle, RECORDER, GROUND_STATION, *actions, mission, Preflight().spec)}
+    return {spec.name: spec for spec in (*vehicle, RECORDER, GROUND_STATION, *servers, mission, preflight)}
 
 
-def all_topics() -> tuple[Topic[Any], ...]:
+def all_topics(actions: Actions = ACTIONS) -> tuple[Topic[Any], ...]:
     """Every topic, with the feedback of each action; the health of each service is left out."""
-    return (*TOPICS, *map(feedback_of, all_actions().values()))
+    return (*TOPICS, *map(feedback_of, actions.values()))
 
 
-def all_endpoints() -> tuple[Endpoint[Any, Any], ...]:
-    """Every endpoint, also those of the actions of packages."""
-    return (*ENDPOINTS, *(endpoint for name in plugin_names() for endpoint in find_action(name).endpoints))
+def all_endpoints(actions: Actions = ACTIONS) -> tuple[Endpoint[Any, Any], ...]:
+    """Every endpoint."""
+    others = (action for name, action in actions.items() if name not in ACTIONS)
+    return (*ENDPOINTS, *(endpoint for action in others for endpoint in action.endpoints))
 
 
-def topic_rows() -> list[Row]:
+def topic_rows(actions: Actions = ACTIONS) -> list[Row]:
     """One row a topic: name, message type, rates, writer and readers."""
-    specs = all_specs().values()
+    specs = all_specs(actions).values()
     return [
         {
             "topic": topic.name,
@@ -53,13 +58,13 @@ def topic_rows() -> list[Row]:
             "writer": topic.writer if topic.host == "vehicle" else f"{topic.writer} or {topic.host}",
             "readers": [s.name for s in specs if topic in (*s.inputs, *s.on_demand)],
         }
-        for topic in all_topics()
+        for topic in all_topics(actions)
     ]
 
 
-def endpoint_rows() -> list[Row]:
+def endpoint_rows(actions: Actions = ACTIONS) -> list[Row]:
     """One row an endpoint: name, request type, the service that replies, and who sends requests, or may."""
-    specs = all_specs().values()
+    specs = all_specs(actions).values()
     return [
         {
             "endpoint": endpoint.name,
@@ -68,11 +73,11 @@ def endpoint_rows() -> list[Row]:
             "may request": endpoint.asker,
             "requested by": [s.name for s in specs if endpoint in s.calls],
         }
-        for endpoint in all_endpoints()
+        for endpoint in all_endpoints(actions)
     ]
 
 
-def service_rows() -> list[Row]:
+def service_rows(actions: Actions = ACTIONS) -> list[Row]:
     """One row a service: the topics it reads and publishes, the endpoints it replies on and requests, its links."""
     return [
         {
@@ -83,19 +88,20 @@ def service_rows() -> list[Row]:
             "requests": [e.name for e in spec.calls],
             "links": list(spec.links),
         }
-        for spec in all_specs().values()
+        for spec in all_specs(actions).values()
     ]
 
 
-def mermaid() -> str:
-    """The graph of services and topics as a Mermaid flowchart; the five action servers are one node."""
+def mermaid(actions: Actions = ACTIONS) -> str:
+    """The graph of services and topics as a Mermaid flowchart; the action servers are one node."""
+    specs = all_specs(actions)
 
     def node(service: str) -> str:
-        return "actions" if service in action_names() else service
+        return "actions" if service in actions else service
 
     edges: dict[tuple[str, str], list[str]] = {}
-    for row in topic_rows():
-        writers = [name for name, spec in all_specs().items() if row["topic"] in {t.name for t in spec.outputs}]
+    for row in topic_rows(actions):
+        writers = [name for name, spec in specs.items() if row["topic"] in {t.name for t in spec.outputs}]
         for writer in writers or [row["writer"]]:
             for reader in row["readers"]:
                 topics = edges.setdefault((node(writer), node(reader)), [])
@@ -105,11 +111,11 @@ def mermaid() -> str:
     return "\n".join(["flowchart TD", *lines])
 
 
-def page() -> str:
+def page(actions: Actions = ACTIONS) -> str:
     """The page: the graph and the three tables."""
     return f"""# Topics, endpoints and services
 
-This page is the output of `jezero info page topics`. Keys are `jezero/<vehicle>/<name>`; *actions* are all action
+This page is the output of `jezero info page topics --own`. Keys are `jezero/<vehicle>/<name>`; *actions* are all action
 servers. Every service also publishes `health/<service>` once a second, and at once when its state changes.
 
 *link_hz* is the greatest rate at which a topic crosses a link [between computers](../how-to/three-computers.md).
@@ -118,18 +124,18 @@ servers. Every service also publishes `health/<service>` once a second, and at o
 viewer is everybody of the team, a pilot who flies, a service one of the vehicle's own.
 
 ```mermaid
-{mermaid()}
+{mermaid(actions)}
 ```
 
 ## Topics
 
-{table(topic_rows())}
+{table(topic_rows(actions))}
 
 ## Endpoints
 
-{table(endpoint_rows())}
+{table(endpoint_rows(actions))}
 
 ## Services
 
-{table(service_rows())}
+{table(service_rows(actions))}
 """
