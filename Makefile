@@ -76,7 +76,7 @@ speed: setup
 	$(BIN)/python -m benchmarks.speed
 
 reference: setup
-	for page in topics actions settings commands python; do $(BIN)/jezero info page $$page > docs/reference/$$page.md || exit 1; done
+	for page in topics actions settings commands python; do $(BIN)/jezero info page $$page --own > docs/reference/$$page.md || exit 1; done
 
 images: setup
 	$(BIN)/python -m benchmarks.docs_images

@@ -189,6 +189,7 @@ class JournalPart(Message, frozen=True, kw_only=True):
         boot_id: id of this run of the service.
         number: of the part, from 0.
         made_with: arguments of the service's constructor, in part 0 only; among them are all its settings.
+        made_by: class of the service as `module:class`, in part 0 only.
         entries: what happened, in its order.
     """
 
@@ -196,4 +197,5 @@ class JournalPart(Message, frozen=True, kw_only=True):
     boot_id: int
     number: Annotated[int, Meta(ge=0)]
     made_with: dict[str, Any] = {}
+    made_by: str = ""
     entries: tuple[AnyEntry, ...] = ()

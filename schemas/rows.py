@@ -119,8 +119,9 @@ class Action(Generic[Q]):
         feedback_type: type of the feedback.
         result_type: type of the result.
         phase: phase of the setpoints, from which the status code follows.
-        takes_pictures: whether the server also declares `image`.
+        takes_pictures: whether the server also declares `image`; such an action also points the camera.
         changeable: fields of a goal that may change while it is flown.
+        points_camera: whether the server also declares `command/camera_pitch`, so that a move may point the camera.
     """
 
     name: str
@@ -130,6 +131,7 @@ class Action(Generic[Q]):
     phase: commands.Phase
     takes_pictures: bool = False
     changeable: tuple[str, ...] = ()
+    points_camera: bool = False
 
     @cached_property
     def endpoint(self) -> Endpoint[Q, actions.Rejected]:

@@ -7,13 +7,16 @@ from typing import Any
 import click
 import pytest
 
+from jezero.base import plugins
 from jezero.cli.info import PAGES, reference_page
 from jezero.cli.reference.settings import FILES
 from jezero.cli.reference.topics import all_specs, all_topics
 from jezero.cli.stack import up
 from jezero.deploy.launcher.compose import parse
 from jezero.runtime.service import Spec
-from jezero.schemas.rows import CLIENTS, EVERY_ACTION, GOAL_IN_CHARGE, Endpoint, Topic
+from jezero.schemas.commands import Phase
+from jezero.schemas.goals import GoToGoal, MoveFeedback, MoveResult
+from jezero.schemas.rows import CLIENTS, EVERY_ACTION, GOAL_IN_CHARGE, Action, Endpoint, Topic
 from jezero.schemas.topics import ACTIONS, ENDPOINTS, GROUND, SCENE, TRUTH, health_of
 from jezero.services.table import ServiceRow, services
 
@@ -85,7 +88,20 @@ def test_the_help_names_every_profile() -> None:
 def test_a_reference_page_is_as_the_code_says(name: str) -> None:
     file = f"docs/reference/{name}.md"
     current = (ROOT / file).read_text() == reference_page(name)
-    assert current, f"{file} is not as the code says: `jezero info page {name} > {file}` writes it anew"
+    assert current, f"{file} is not as the code says: `jezero info page {name} --own > {file}` writes it anew"
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_reference_page_does_not_change_with_an_installed_package(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = reference_page(name)
+    monkeypatch.setattr(plugins, "plugin_names", lambda: ("mine",))
+    assert "mine" in plugins.action_names()
+    assert reference_page(name) == before
+
+
+def test_the_page_of_actions_can_have_those_of_packages() -> None:
+    mine = Action("mine", GoToGoal, MoveFeedback, MoveResult, Phase.ACTION)
+    assert "## mine\n" in reference_page("actions", {**ACTIONS, "mine": mine})
 
 
 def test_a_reference_page_gives_every_settings_file() -> None:

@@ -254,7 +254,9 @@ def pause(vehicle: str, router: str, as_json: bool) -> None:
     printer = Printer(as_json)
     with connected(vehicle, router, printer) as uav:
         goal_id = uav.pause()
-        printer.event("result", f"pausing goal {goal_id}", outcome="succeeded", goal_id=goal_id)
+        printer.event(
+            "result", f"goal {goal_id} is paused, and the vehicle hovers", outcome="succeeded", goal_id=goal_id
+        )
 
 
 @click.command()

@@ -307,7 +307,7 @@ class GoalKeys:
         pressed = self._keyboard.read(0.0)[-1:]
         try:
             if pressed in ("p", "P"):
-                self._goal.pause()
+                self._goal.pause(wait=False)  # the progress goes on meanwhile
             elif pressed in ("r", "R"):
                 self._goal.resume()
         except Refused as error:

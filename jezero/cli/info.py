@@ -11,10 +11,12 @@ from jezero.base.mistakes import unknown
 from jezero.cli import completion
 from jezero.cli.options import simulator_origin
 from jezero.cli.reference.actions import action_rows, field_rows
-from jezero.cli.reference.topics import Row, endpoint_rows, mermaid, service_rows, topic_rows
+from jezero.cli.reference.topics import Actions, Row, endpoint_rows, mermaid, service_rows, topic_rows
 from jezero.cli.reference.words import cell
+from jezero.schemas.topics import ACTIONS
 
-PAGES = ("topics", "actions", "settings", "commands", "python")
+PAGES_OF_ACTIONS = ("topics", "actions")
+PAGES = (*PAGES_OF_ACTIONS, "settings", "commands", "python")
 """Names of the pages: each is a module of `jezero.cli.reference` with a function `page`."""
 TABLE_WIDTH_MIN, COLUMN_WIDTH_MAX = 120, 40
 JSON = click.option("--json", "as_json", is_flag=True, help="One JSON object per line.")
@@ -28,14 +30,22 @@ def info() -> None:
 
 @info.command()
 @click.argument("name", type=click.Choice(PAGES))
-def page(name: str) -> None:
-    """Print the page NAME of the reference in Markdown: docs/reference/NAME.md is this output."""
-    click.echo(reference_page(name), nl=False)
+@click.option("--own", is_flag=True, help="Only jezero's own actions, without those of installed packages.")
+def page(name: str, own: bool) -> None:
+    """Print the page NAME of the reference in Markdown: docs/reference/NAME.md is this output with `--own`."""
+    from jezero.base.plugins import all_actions
+
+    click.echo(reference_page(name) if own else reference_page(name, all_actions()), nl=False)
 
 
-def reference_page(name: str) -> str:
-    """The page docs/reference/<name>.md."""
-    text: str = import_module(f"jezero.cli.reference.{name}").page()
+def reference_page(name: str, actions: Actions = ACTIONS) -> str:
+    """The page docs/reference/<name>.md.
+
+    Args:
+        actions: actions on the pages `topics` and `actions`.
+    """
+    make = import_module(f"jezero.cli.reference.{name}").page
+    text: str = make(actions) if name in PAGES_OF_ACTIONS else make()
     return text
 
 
@@ -53,10 +63,12 @@ def origin(as_json: bool) -> None:
 @MERMAID
 def topics(as_json: bool, as_mermaid: bool) -> None:
     """Show every topic: its type, rate, writer and readers."""
+    from jezero.base.plugins import all_actions
+
     if as_mermaid:
-        click.echo(mermaid())
+        click.echo(mermaid(all_actions()))
     else:
-        _print(topic_rows(), as_json=as_json)
+        _print(topic_rows(all_actions()), as_json=as_json)
 
 
 @info.command()
@@ -87,7 +99,9 @@ def actions(name: str | None, as_json: bool) -> None:
 @JSON
 def endpoints(as_json: bool) -> None:
     """Show every endpoint: its request, and the service that replies."""
-    _print(endpoint_rows(), as_json=as_json)
+    from jezero.base.plugins import all_actions
+
+    _print(endpoint_rows(all_actions()), as_json=as_json)
 
 
 @info.command()
@@ -95,10 +109,12 @@ def endpoints(as_json: bool) -> None:
 @MERMAID
 def services(as_json: bool, as_mermaid: bool) -> None:
     """Show every service: the topics it reads and publishes, the endpoints it replies on and requests."""
+    from jezero.base.plugins import all_actions
+
     if as_mermaid:
-        click.echo(mermaid())
+        click.echo(mermaid(all_actions()))
     else:
-        rows = service_rows()
+        rows = service_rows(all_actions())
         if as_json:
             _print(rows, as_json=True)
         else:

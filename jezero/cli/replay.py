@@ -4,7 +4,9 @@ import json
 import re
 import shutil
 import signal
+import sys
 import time
+import traceback
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
     from jezero.replay.errors import Errors
     from jezero.replay.player import Player
     from jezero.replay.through import Replay
+    from jezero.runtime.service import Service
 
 PLAIN = ("speed", "start_s", "end_s", "loop", "topics", "force", "vehicle", "router")
 """Parameters of a replay onto a bus, which mean nothing with --through."""
@@ -62,6 +65,7 @@ def _plain_options(command: Callable[..., Any]) -> Callable[..., Any]:
 @_plain_options
 @vehicle_options
 @click.option("--through", "service", metavar="SERVICE", help="Publish nothing; run this service on what it received.")
+@click.option("--class", "own", metavar="MODULE:CLASS", help="With --through: the class of a service of one's own.")
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE",
               help="With --through: a setting that is to differ; may be given several times.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="With --through: print one JSON object.")
@@ -71,6 +75,7 @@ def replay(
     /,
     file: Path,
     service: str | None,
+    own: str | None,
     settings: tuple[str, ...],
     as_json: bool,
     **plain: Any,
@@ -87,10 +92,10 @@ def replay(
         if given := [name for name in PLAIN if _is_given(context, name)]:
             option = next(each for each in context.command.params if each.name == given[0]).opts[0]
             raise click.UsageError(f"{option} has no meaning with --through, which publishes nothing")
-        _replay_through(file, service, settings, as_json=as_json)
+        _replay_through(file, service, own, settings, as_json=as_json)
         return
-    if settings or as_json:
-        raise click.UsageError(f"{'--set' if settings else '--json'} needs --through SERVICE")
+    if own or settings or as_json:
+        raise click.UsageError(f"{'--class' if own else '--set' if settings else '--json'} needs --through SERVICE")
     _check_range(plain["speed"], plain["start_s"], plain["end_s"])
     _check_vehicle(plain["vehicle"])
     _replay_onto_bus(file, **plain)
@@ -370,17 +375,18 @@ def _refuse(reason: str) -> NoReturn:
     raise SystemExit(REFUSED)
 
 
-def _replay_through(file: Path, service: str, settings: Sequence[str], *, as_json: bool) -> None:
+def _replay_through(file: Path, service: str, own: str | None, settings: Sequence[str], *, as_json: bool) -> None:
     """Replay a service, and print what has changed.
 
     Args:
         file: the recording, or the folder of a run.
         service: name of the service.
+        own: class of a service of one's own, as `module:class`; None: jezero's.
         settings: changes, each `NAME=VALUE`.
 
     Raises:
         ClickException: the recording or a setting is wrong.
-        Exit: the output is not the recorded one, although no setting was changed.
+        Exit: the output is not the recorded one, although no setting was changed and the class is jezero's.
     """
     from rich.console import Console
 
@@ -391,8 +397,8 @@ def _replay_through(file: Path, service: str, settings: Sequence[str], *, as_jso
 
     changes = changed_settings(settings)
     try:
-        with Console(stderr=True).status(f"replaying {service} …"):
-            replay = replay_through(open_recording(file).path, service, changes)
+        with Console(stderr=True).status(f"replaying {service} …"), own_class(own) as made_from:
+            replay = replay_through(open_recording(file).path, service, changes, made_from)
             errors = relative_errors(replay.published_before, replay.published, replay.files)
     except (RecordingError, SettingError) as error:
         raise click.ClickException(str(error)) from None
@@ -400,8 +406,28 @@ def _replay_through(file: Path, service: str, settings: Sequence[str], *, as_jso
         click.echo(json.dumps(_as_dict(replay, errors)))
     else:
         _print(replay, errors)
-    if not (replay.identical or changes):
+    if not (replay.identical or changes or own):
         raise click.exceptions.Exit(FAILED)
+
+
+@contextmanager
+def own_class(path: str | None) -> Iterator["type[Service] | None"]:
+    """The class of the option `--class`, also of a file in this folder; what its code raises becomes a sentence.
+
+    Raises:
+        ClickException: it can't be replayed. The traceback of what its own code raised goes to standard error.
+    """
+    from jezero.replay.rebuild import OwnClassError, load_class
+
+    sys.path.insert(0, str(Path.cwd()))
+    try:
+        yield None if path is None else load_class(path)
+    except OwnClassError as error:
+        if error.__cause__ is not None:
+            traceback.print_exception(error.__cause__)
+        raise click.ClickException(str(error)) from None
+    finally:
+        sys.path.remove(str(Path.cwd()))
 
 
 def changed_settings(texts: Sequence[str]) -> dict[str, str]:
@@ -434,6 +460,7 @@ def _as_dict(replay: "Replay", errors: "tuple[Errors, Errors] | None") -> dict[s
         "different_steps": replay.different,
         "gap_s": replay.gap_s,
         "lossy_images": replay.lossy_images,
+        "not_received": replay.not_received,
         "errors_recorded": msgspec.to_builtins(before),
         "errors_replayed": msgspec.to_builtins(after),
     }
@@ -451,6 +478,9 @@ def _print(replay: "Replay", errors: "tuple[Errors, Errors] | None") -> None:
             f"{replay.lossy_images} images are not exactly those that the service read: JPEG loses detail. For an "
             'exact replay, record with `images = "png"` in recorder.toml'
         )
+    if replay.not_received:
+        listed = ", ".join(replay.not_received)
+        click.echo(f"never received: {listed}. A replay gives a service what the recorded one read, and nothing else")
     if replay.first_difference is None:
         click.echo("identical: all outputs are bit by bit the recorded ones")
     else:

@@ -12,7 +12,7 @@ import msgspec
 from rich.console import Console
 
 from jezero.cli.options import RECORDING_PATH
-from jezero.cli.replay import changed_settings
+from jezero.cli.replay import changed_settings, own_class
 
 if TYPE_CHECKING:
     from jezero.tuning.consistency import Consistency
@@ -28,18 +28,28 @@ SIGMAS = 2.0
 
 @click.command()
 @click.argument("files", nargs=-1, required=True, type=RECORDING_PATH, metavar="FILE...")
+@click.option(
+    "--class",
+    "own",
+    metavar="MODULE:CLASS",
+    help="The class of an estimator of one's own, which has a method observe_innovations.",
+)
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE",
               help="A setting in use other than recorded; may be given several times.")  # fmt: skip
 @click.option("--figure", type=click.Path(path_type=Path, dir_okay=False),
               help="File of the figure, PNG, PDF or SVG [default: tuning.png beside the first recording].")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-def tune(files: tuple[Path, ...], settings: tuple[str, ...], figure: Path | None, as_json: bool) -> None:
+def tune(
+    files: tuple[Path, ...], own: str | None, settings: tuple[str, ...], figure: Path | None, as_json: bool
+) -> None:
     """Find the noise settings of the estimator that fit the flights in FILES.
 
     FILE is a recording, or the folder of a run. The flights are replayed through the estimator. For each of its
     sensors the command compares the innovations with the spread that the filter predicts, and searches the noise
     setting that makes both agree. A recording needs no truth; with truth, the errors that the suggested settings give
-    are printed too.
+    are printed too, and only what lowers the error is recommended.
+
+    A FILE that was flown with another estimator is left out.
     """
     from jezero.recording import RecordingError, open_recording
     from jezero.replay.rebuild import SettingError
@@ -53,13 +63,13 @@ def tune(files: tuple[Path, ...], settings: tuple[str, ...], figure: Path | None
             raise click.UsageError(f"--figure {figure}: give a file that ends in {', '.join(FORMATS)}")
         figure.parent.mkdir(parents=True, exist_ok=True)
     try:
-        with Console(stderr=True).status("reading …") as status:
+        with Console(stderr=True).status("reading …") as status, own_class(own) as made_from:
             paths = [open_recording(file).path for file in files]
-            result = tune_flights(paths, changes, lambda text: status.update(f"{text} …"))
+            result = tune_flights(paths, changes, made_from, lambda text: status.update(f"{text} …"))
     except (RecordingError, SettingError, TuningError) as error:
         raise click.ClickException(str(error)) from None
     if not as_json:
-        _print(result, changes)
+        _print(result, changes, own)
     path = draw_tuning(result, figure or result.paths[0].parent / FIGURE)
     click.echo(json.dumps(_as_dict(result, changes, path)) if as_json else f"\nwrote {path}")
 
@@ -67,18 +77,25 @@ def tune(files: tuple[Path, ...], settings: tuple[str, ...], figure: Path | None
 def _as_dict(result: "TuningResult", changes: Mapping[str, str], figure: Path) -> dict[str, Any]:
     return {
         "files": [str(path) for path in result.paths],
+        "left_out": {str(path): reason for path, reason in result.left_out.items()},
         "set": dict(changes),
         "sensors": msgspec.to_builtins(result.sensors),
         "too_few": result.too_few,
         "accuracy": msgspec.to_builtins(result.accuracy),
         "settings": result.settings,
+        "recommended": result.recommended,
+        "rms_recommended_m": result.rms_recommended_m,
         "rounds": result.rounds,
         "converged": result.converged,
         "figure": str(figure),
     }
 
 
-def _print(result: "TuningResult", changes: Mapping[str, str]) -> None:
+def _print(result: "TuningResult", changes: Mapping[str, str], own: str | None) -> None:
+    from jezero.tuning.tuner import left_out_in_words
+
+    for path, reason in result.left_out.items():
+        click.echo(f"left out: {left_out_in_words(path, reason)}", err=True)
     number = len(result.paths)
     click.echo(f"{number} flight{'s' if number > 1 else ''}; innovations with the settings in use:\n")
     header = ("sensor", "number", "rejected", "mean", "std", "predicted", "NIS", "95 % band", "lag 1")
@@ -91,9 +108,11 @@ def _print(result: "TuningResult", changes: Mapping[str, str]) -> None:
     click.echo()
     for text in _remarks(result):
         click.echo(click.wrap_text(f"- {text}", 118, subsequent_indent="  "))
-    if result.settings:
-        click.echo(f"\nsettings for deploy/config/estimator.toml:\n\n{_toml(result.settings)}\n")
-        click.echo(f"to check them on a flight:\n\n{_replay_command(result, changes)}")
+    if result.recommended:
+        click.echo(f"\nsettings for deploy/config/estimator.toml:\n\n{_toml(result.recommended)}\n")
+        click.echo(f"to check them on a flight:\n\n{_replay_command(result, changes, own)}")
+    else:
+        click.echo("\nno settings are recommended: those in use stay")
 
 
 def _innovation_row(tuning: "SensorTuning") -> tuple[str, ...]:
@@ -198,8 +217,15 @@ def _accuracy_text(result: "TuningResult") -> str:
     )
     if after_cm > before_cm * (1.0 + DIFFERENT):
         text += (
-            ". The suggestions are worse: innovations don't show errors that stay, such as the bias of an anchor, for "
-            "which larger settings allow. Use only those suggestions that lower the error alone"
+            ". All suggestions together are worse: innovations don't show errors that stay, such as the bias of an "
+            "anchor, for which larger settings allow"
+        )
+    if result.rms_recommended_m is None:
+        return f"{text}. No set of suggestions that was tried lowers the error"
+    if result.recommended != result.settings:
+        text += (
+            f". Of all sets that were tried, {' and '.join(result.recommended)} alone has the least error, "
+            f"{100.0 * result.rms_recommended_m:.1f} cm"
         )
     return text
 
@@ -208,7 +234,8 @@ def _toml(settings: Mapping[str, float]) -> str:
     return "\n".join(("[tuning]", *(f"{name} = {value:g}" for name, value in settings.items())))
 
 
-def _replay_command(result: "TuningResult", changes: Mapping[str, str]) -> str:
-    values = {**changes, **{name: f"{value:g}" for name, value in result.settings.items()}}
+def _replay_command(result: "TuningResult", changes: Mapping[str, str], own: str | None) -> str:
+    values = {**changes, **{name: f"{value:g}" for name, value in result.recommended.items()}}
+    made_from = "" if own is None else f" --class {shlex.quote(own)}"
     options = "".join(f" \\\n    --set {shlex.quote(f'{name}={value}')}" for name, value in values.items())
-    return f"jezero replay {shlex.quote(str(result.paths[0]))} --through estimator{options}"
+    return f"jezero replay {shlex.quote(str(result.paths[0]))} --through estimator{made_from}{options}"

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from jezero.client.errors import Refused
-from jezero.client.goal import modify_goal, pause_goal, resume_goal
+from jezero.client.goal import await_pause, modify_goal, request_pause, resume_goal
 from jezero.client.goal_sender import GoalSender
 from jezero.client.session import Connection
 from jezero.client.status import REPLY_TIMEOUT_S, request_status
@@ -55,7 +55,8 @@ def goal_in_charge(connection: Connection) -> tuple[Action[Any], str]:
 def pause(connection: Connection) -> str:
     """See `Vehicle.pause`."""
     action, goal_id = goal_in_charge(connection)
-    pause_goal(connection, action, goal_id, REPLY_TIMEOUT_S)
+    request_pause(connection, action, goal_id, REPLY_TIMEOUT_S)
+    await_pause(connection, action, goal_id)
     return goal_id
 
 

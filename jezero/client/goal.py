@@ -8,6 +8,7 @@ from jezero.base.codec import encode
 from jezero.base.zenoh_client import FIRST
 from jezero.client.errors import Aborted, Canceled, JezeroError, Refused, TimedOut, Unreachable
 from jezero.client.session import Arrivals, Connection, decode, decoder
+from jezero.client.status import watch_status
 from jezero.schemas.actions import (
     Accepted,
     Cancel,
@@ -34,6 +35,8 @@ R = TypeVar("R")
 GOAL_TIMEOUT_S = 86_400.0
 MODIFY_TIMEOUT_S = 30.0
 """Longest wait until the vehicle has braked and a new path is planned."""
+PAUSE_TIMEOUT_S = 30.0
+"""Longest wait until the vehicle hovers: a landing that pauses climbs to the height of its approach first."""
 RECOVER_S = 5.0
 """Time until all servers are connected again after a restart of the router."""
 POLL_S = 0.3
@@ -136,18 +139,29 @@ class Goal(Generic[F, R]):
         )
         return reply.canceled
 
-    def pause(self) -> None:
-        """Pause the goal: the vehicle brakes and hovers until `resume`; the goal keeps control.
+    def pause(self, *, wait: bool = True) -> None:
+        """Pause the goal: the vehicle brakes, and hovers until `resume`; the goal keeps control.
+
+        Args:
+            wait: return when the vehicle hovers; otherwise as soon as the server has accepted the request.
 
         Raises:
             Refused: the goal can't be paused now, or has ended; the text is the reason.
+            Unreachable: no action server replies, or no status comes any more.
+            TimedOut: the reply is missing, or the vehicle doesn't hover within 30 s.
+        """
+        request_pause(self._connection, self._action, self.goal_id, self._timeout_s)
+        if wait:
+            await_pause(self._connection, self._action, self.goal_id)
+
+    def resume(self) -> None:
+        """Go on with a paused goal; returns as soon as the server has accepted that.
+
+        Raises:
+            Refused: the goal is not paused, or has ended; the text is the reason.
             Unreachable: no action server replies.
             TimedOut: the reply is missing.
         """
-        pause_goal(self._connection, self._action, self.goal_id, self._timeout_s)
-
-    def resume(self) -> None:
-        """Go on with a paused goal; raises the errors of `pause`."""
         resume_goal(self._connection, self._action, self.goal_id, self._timeout_s)
 
     def modify(self, /, **fields: Any) -> None:
@@ -252,12 +266,29 @@ class Goal(Generic[F, R]):
         return f"{reason}; goal {self.goal_id} may still run"
 
 
-def pause_goal(connection: Connection, action: Action[Any], goal_id: str, timeout_s: float) -> None:
-    """Pause a goal, also another client's; raises the errors of `Goal.pause`."""
+def request_pause(connection: Connection, action: Action[Any], goal_id: str, timeout_s: float) -> None:
+    """Ask a goal to pause, also another client's; raises `Refused` where it can't."""
     request = Pause(goal_id=goal_id, issued_t_ns=connection.vehicle_time_ns())
     reply: PauseReply = connection.request(action.pause, request, timeout_s)
     if not reply.paused:
         raise Refused(reply.reason)
+
+
+def await_pause(connection: Connection, action: Action[Any], goal_id: str) -> None:
+    """Wait until the vehicle hovers in a pause of a goal; raises the errors of `Goal.pause`."""
+    deadline_s = time.monotonic() + PAUSE_TIMEOUT_S
+    for status in watch_status(connection):
+        if status.goal_id != goal_id and _has_ended(connection, goal_id):
+            raise Refused(f"{action.name} ended before the vehicle hovered", status.code)
+        if status.goal_id == goal_id and status.paused:
+            return
+        if time.monotonic() > deadline_s:
+            raise TimedOut(f"{action.name} is to pause, but the vehicle doesn't hover after {PAUSE_TIMEOUT_S:g} s")
+
+
+def _has_ended(connection: Connection, goal_id: str) -> bool:
+    reply = request_result(connection, goal_id)
+    return reply is not None and not reply.running
 
 
 def resume_goal(connection: Connection, action: Action[Any], goal_id: str, timeout_s: float) -> None:

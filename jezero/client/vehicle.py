@@ -166,7 +166,7 @@ class Vehicle(GoalMethods):
         return control.abort(self._connection, reason)
 
     def pause(self) -> str:
-        """Pause the goal in charge, also another client's, as `Goal.pause` does; returns its id.
+        """Pause the goal in charge, also another client's; returns its id when the vehicle hovers.
 
         Raises:
             Refused: no goal is in charge, or it can't be paused now; the text is the reason.
@@ -174,7 +174,11 @@ class Vehicle(GoalMethods):
         return control.pause(self._connection)
 
     def resume(self) -> str:
-        """Go on with the paused goal in charge; returns its id, and raises the errors of `pause`."""
+        """Go on with the paused goal in charge, as `Goal.resume` does; returns its id.
+
+        Raises:
+            Refused: no goal is in charge, or it is not paused; the text is the reason.
+        """
         return control.resume(self._connection)
 
     def modify(self, /, **fields: Any) -> tuple[str, str]:

@@ -24,6 +24,7 @@ class ServiceRun:
         service: name of the service.
         boot_id: id of this run.
         made_with: arguments of the service's constructor.
+        made_by: class of the service as `module:class`; "" in recordings of older versions.
         entries: its inputs and outputs in their order.
         parts: number of parts of the journal that the entries are from.
         gap_s: time from the recording's first message from which on parts of the journal are missing; the entries end
@@ -33,6 +34,7 @@ class ServiceRun:
     service: str
     boot_id: int
     made_with: dict[str, Any]
+    made_by: str = ""
     entries: list[AnyEntry] = field(default_factory=list)
     parts: int = 0
     gap_s: float | None = None
@@ -119,7 +121,7 @@ def runs_of(files: Sequence[Path], service: str) -> list[ServiceRun]:
 def _append(runs: list[ServiceRun], part: JournalPart, at_s: float) -> None:
     """Add a part to the last run, or begin a new run with it."""
     if part.number == 0:
-        runs.append(ServiceRun(part.service, part.boot_id, part.made_with))
+        runs.append(ServiceRun(part.service, part.boot_id, part.made_with, part.made_by))
     if not runs or runs[-1].gap_s is not None:
         return
     run = runs[-1]

@@ -1,12 +1,14 @@
 """Errors of a replayed estimate against the truth, beside those of the recorded one."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
 from jezero.base.arrays import Array
+from jezero.base.codec import BadPayloadError, decode
 from jezero.base.frames import subtract
 from jezero.recording import Recording
 from jezero.schemas.estimate import Relative
@@ -65,8 +67,13 @@ def relative_errors(
 
 
 def _estimates(published: Iterable[tuple[str, bytes]]) -> list[Relative]:
-    decoder = msgspec.json.Decoder(Relative)
-    return [decoder.decode(message) for topic, message in published if topic == RELATIVE.name]
+    """The estimates without those that their readers reject, as those of an estimator of one's own may be."""
+    estimates = []
+    for topic, message in published:
+        if topic == RELATIVE.name:
+            with suppress(BadPayloadError):
+                estimates.append(decode(Relative, message))
+    return estimates
 
 
 def _errors(

@@ -2,13 +2,15 @@
 
 import inspect
 from collections.abc import Mapping
-from typing import Any, get_type_hints
+from importlib import import_module
+from typing import Any, cast, get_type_hints
 
 import msgspec
 
+from jezero.base.config import ConfigError
 from jezero.base.mistakes import mistake, unknown
 from jezero.base.plugins import PluginError
-from jezero.recording.journals import leaves
+from jezero.recording.journals import ServiceRun, leaves
 from jezero.recording.mcap_file import RecordingError
 from jezero.runtime.service import Service
 from jezero.services.table import ACTION, resolve, services
@@ -18,38 +20,141 @@ class SettingError(ValueError):
     """A setting can't be changed; the text says why, and what to give."""
 
 
-def make_service(name: str, made_with: Mapping[str, Any]) -> Service:
-    """Make a service from its recorded arguments.
+class OwnClassError(ValueError):
+    """A class of one's own can't be replayed; the text says why, and what to do.
+
+    Its cause is what the code of the class raised, if it did.
+    """
+
+
+def load_class(path: str) -> type[Service]:
+    """The class of a service of one's own.
 
     Args:
-        name: name of the service.
-        made_with: arguments as they were recorded, see `changed`.
+        path: `module:class`, such as `my_package.filters:Mhe`.
 
     Raises:
-        RecordingError: this version of jezero can't make it from them.
-        SettingError: a value is out of range.
+        OwnClassError: there is no such class, or it can't be imported.
     """
-    row = services().get(name) or (ACTION if made_with.get("name") == name else None)
-    if row is None:
-        raise RecordingError(f"{name!r} is neither an action server nor a service that this version can replay")
-    maker = resolve(row.maker)
+    module, _, name = path.partition(":")
+    if not (module and name):
+        raise OwnClassError(f"{path!r} is no class: give module:class, such as my_estimator:MyEstimator")
+    try:
+        found = getattr(import_module(module), name, None)
+    except ModuleNotFoundError as error:
+        if error.name is None or not f"{module}.".startswith(f"{error.name}."):
+            raise OwnClassError(f"{module} can't be imported: {error}") from error
+        raise OwnClassError(
+            f"there is no module {error.name!r}: give one of an installed package, or of a file in this folder"
+        ) from None
+    except Exception as error:
+        raise OwnClassError(f"{module} can't be imported: {type(error).__name__}: {error}") from error
+    if not (inspect.isclass(found) and callable(getattr(found, "step", None))):
+        raise OwnClassError(f"{module} has no class {name!r} with a method `step`")
+    return cast(type[Service], found)
+
+
+def make_service(run: ServiceRun, changes: Mapping[str, str], own: type[Service] | None = None) -> Service:
+    """Make a service again as it was recorded, with some settings changed.
+
+    Args:
+        run: the recorded run of the service.
+        changes: see `changed`.
+        own: class to make it from; it gets the recorded arguments that its constructor has. None: jezero's own.
+
+    Raises:
+        RecordingError: this version of jezero can't make it.
+        SettingError: there is no such setting, or a value is out of range.
+        OwnClassError: `own` doesn't take the arguments, or raises.
+    """
+    if own is not None:
+        return _make_own(own, run, changes)
+    name = run.service
+    if not _is_of_jezero(run):
+        raise RecordingError(_foreign(run))
+    maker = resolve((services().get(name) or ACTION).maker)
     hints = get_type_hints(maker.__init__ if inspect.isclass(maker) else maker)
+    made_with = changed(run.made_with, changes)
     if strange := [each for each in made_with if each not in hints]:
         raise RecordingError(f"this version of jezero makes {name!r} without the recorded argument {strange[0]!r}")
-    arguments = {}
-    for each, value in made_with.items():
-        try:
-            arguments[each] = msgspec.convert(value, hints[each])
-        except msgspec.ValidationError as error:
-            raise SettingError(f"{name}: {mistake(error, hints[each], 'setting')}") from None
+    arguments = {each: _converted(name, value, hints[each]) for each, value in made_with.items()}
     parameters = inspect.signature(maker).parameters.values()
     if missing := [each.name for each in parameters if each.default is each.empty and each.name not in arguments]:
         raise RecordingError(f"this version of jezero can't make {name!r} without {', '.join(missing)}: not recorded")
     try:
         service: Service = maker(**arguments)
+    except ConfigError as error:
+        raise SettingError(str(error)) from None
     except PluginError as error:
         raise RecordingError(str(error)) from None
     return service
+
+
+def _converted(service: str, value: Any, kind: Any) -> Any:
+    """A recorded argument of a service, or one that was changed, as its type."""
+    try:
+        return msgspec.convert(value, kind)
+    except msgspec.ValidationError as error:
+        raise SettingError(f"{service}: {mistake(error, kind, 'setting')}") from None
+
+
+def _is_of_jezero(run: ServiceRun) -> bool:
+    """Whether a recorded service is one of jezero, or an action server; these all record their arguments."""
+    if run.made_by.partition(".")[0] != "jezero" and (run.made_by or not run.made_with):
+        return False
+    return run.service in services() or run.made_with.get("name") == run.service
+
+
+def _foreign(run: ServiceRun) -> str:
+    """Reason why a service that is not jezero's isn't replayed, with what to give."""
+    module, _, name = run.made_by.partition(":")
+    if not name:
+        return f"the recorded {run.service!r} is not jezero's: name its class with --class module:class"
+    if module == "__main__":
+        return (
+            f"the recorded {run.service!r} is the class {name} of a program: name it with --class module:{name}, where "
+            "the module is the program's file without .py"
+        )
+    return f"the recorded {run.service!r} is not jezero's: name its class with --class {run.made_by}"
+
+
+def _make_own(own: type[Service], run: ServiceRun, changes: Mapping[str, str]) -> Service:
+    """Make a service of one's own from those recorded arguments that its constructor has."""
+    shown = f"{own.__module__}:{own.__qualname__}"
+    try:
+        parameters, hints = inspect.signature(own).parameters, get_type_hints(own.__init__)
+    except (NameError, TypeError, ValueError) as error:
+        raise OwnClassError(f"the arguments of {shown} are unknown: {error}") from error
+    made_with = changed({each: value for each, value in run.made_with.items() if each in parameters}, changes)
+    arguments = {
+        each: _converted(run.service, value, hints.get(each, _type_of_default(parameters[each])))
+        for each, value in made_with.items()
+    }
+    missing = [
+        each.name
+        for each in parameters.values()
+        if each.default is each.empty
+        and each.name not in arguments
+        and each.kind not in (each.VAR_POSITIONAL, each.VAR_KEYWORD)
+    ]
+    if missing:
+        raise OwnClassError(
+            f"{shown} needs {', '.join(missing)}, which the recording doesn't have: give a default, and record the "
+            "arguments in made_with of its Spec"
+        )
+    try:
+        service = own(**arguments)
+        name = service.spec.name
+    except Exception as error:
+        raise OwnClassError(f"{shown} can't be made: {type(error).__name__}: {error}") from error
+    if name != run.service:
+        raise OwnClassError(f"{shown} is the service {name!r} by its Spec, not {run.service!r}")
+    return service
+
+
+def _type_of_default(parameter: inspect.Parameter) -> Any:
+    """Type of an argument without a hint: that of its default."""
+    return Any if parameter.default in (parameter.empty, None) else type(parameter.default)
 
 
 def changed(made_with: Mapping[str, Any], changes: Mapping[str, str]) -> dict[str, Any]:
@@ -69,6 +174,8 @@ def changed(made_with: Mapping[str, Any], changes: Mapping[str, str]) -> dict[st
         found = [path for path in paths if path == name or path.endswith(f".{name}")]
         if not found:
             names = sorted({path.rpartition(".")[2] for path in paths})
+            if not names:
+                raise SettingError(f"{name} is no setting of this service; none is recorded: see made_with of its Spec")
             raise SettingError(unknown("setting", name.rpartition(".")[2], names))
         if len(found) > 1:
             raise SettingError(f"{name} is the name of several settings: give one of {', '.join(found)}")

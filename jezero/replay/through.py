@@ -9,7 +9,8 @@ from typing import Any
 import msgspec
 
 from jezero.recording.journals import ServiceRun, files_with_start, runs_of
-from jezero.replay.rebuild import changed, make_service
+from jezero.recording.mcap_file import RecordingError
+from jezero.replay.rebuild import OwnClassError, make_service
 from jezero.replay.recorded_images import RecordedImages
 from jezero.runtime.journal import NULL, Journal
 from jezero.runtime.node import Node
@@ -50,6 +51,7 @@ class Replay:
         first_difference: the first of them.
         gap_s: time from the start of the recording from which on the journal is not whole; the replay ends there.
         lossy_images: number of images that the service read, and that the recording has in lower quality.
+        not_received: inputs of a class of one's own of which the journal has no message.
         published: topic and encoded message of all that the replay published, without attachments.
         published_before: the same as recorded.
     """
@@ -63,6 +65,7 @@ class Replay:
     first_difference: Difference | None = None
     gap_s: float | None = None
     lossy_images: int = 0
+    not_received: tuple[str, ...] = ()
     published: list[tuple[str, bytes]] = field(default_factory=list)
     published_before: list[tuple[str, bytes]] = field(default_factory=list)
 
@@ -76,6 +79,7 @@ def replay_through(
     path: Path,
     service: str,
     changes: Mapping[str, str] | None = None,
+    own: type[Service] | None = None,
     on_service: Callable[[Service], None] = lambda service: None,
 ) -> Replay:
     """Replay a service from a recording, in virtual time.
@@ -84,19 +88,31 @@ def replay_through(
         path: the recording.
         service: name of the service.
         changes: other settings than recorded, see `rebuild.changed`.
+        own: class of the service, if it is not jezero's; see `rebuild.make_service`.
         on_service: called with the service of each run before its first step.
 
     Raises:
         RecordingError: the recording can't be read, or has no journal of the service from its start, or lacks images.
         SettingError: a setting is wrong.
+        OwnClassError: `own` can't be made, or its step raised.
     """
     files = files_with_start(path, service)
     images = RecordedImages(files)
     replay = Replay(service, files)
     for run in runs_of(files, service):
-        made = make_service(run.service, changed(run.made_with, changes or {}))
+        made = make_service(run, changes or {}, own)
         on_service(made)
-        _replay_run(run, made, replay, images)
+        try:
+            _replay_run(run, made, replay, images)
+        except RecordingError:
+            raise
+        except Exception as error:
+            if own is None:
+                raise
+            where = f"{own.__module__}:{own.__qualname__}"
+            raise OwnClassError(f"{where} failed in a step: {type(error).__name__}: {error}") from error
+        if own is not None:
+            replay.not_received = _not_received(run, made)
     replay.lossy_images = images.lossy
     return replay
 
@@ -117,14 +133,24 @@ def _replay_run(run: ServiceRun, service: Service, replay: Replay, images: Recor
                 replay.first_difference = _difference(t_ns, recorded, replayed)
 
 
+def _not_received(run: ServiceRun, service: Service) -> tuple[str, ...]:
+    """Inputs of a service of which the journal has no message: a replay has only what the recorded service read."""
+    received = {entry.topic for entry in run.entries if isinstance(entry, journal.Received)}
+    return tuple(topic.name for topic in service.spec.inputs if topic.name not in received)
+
+
 class _Player:
     """A node that gets the recorded inputs; the transport of its node, which sends nothing."""
 
     def __init__(self, run: ServiceRun, service: Service, images: RecordedImages) -> None:
         self._run = run
         self._images = images
-        self._journal = Journal(run.service, run.boot_id, {})
+        self._journal = Journal(run.service, run.boot_id, {}, run.made_by)
         self._node = Node(service, self, strict=False, boot_id=run.boot_id, journal=self._journal)
+        spec = service.spec
+        reads = {topic.name for topic in (*spec.inputs, *spec.on_demand)}
+        self._reads = reads | {endpoint.name for endpoint in spec.serves} | set(spec.links)
+        """Names of what the service reads: a class of one's own may read less than the recorded one."""
         self._tasks: dict[str, bytes | Outcome] = {}
 
     def steps(self) -> Iterator[tuple[int, list[Output], list[Output]]]:
@@ -158,6 +184,10 @@ class _Player:
     def _deliver(self, entry: AnyEntry) -> None:
         node = self._node
         match entry:
+            case (
+                journal.Received(name) | journal.Requested(name) | journal.LinkBytes(name) | journal.LinkState(name)
+            ) if name not in self._reads:
+                return
             case journal.Received(topic, message, None):
                 node.deliver(topic, bytes(message))
             case journal.Received(topic, message, int(checksum)):

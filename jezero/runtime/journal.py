@@ -24,12 +24,14 @@ class Journal:
         service: name of the service.
         boot_id: id of this run.
         made_with: arguments of the service's constructor by name; numbers, texts and structs.
+        made_by: class of the service, see `class_of`.
     """
 
-    def __init__(self, service: str, boot_id: int, made_with: Mapping[str, Any]) -> None:
+    def __init__(self, service: str, boot_id: int, made_with: Mapping[str, Any], made_by: str) -> None:
         self._service = service
         self._boot_id = boot_id
         self._made_with: dict[str, Any] = msgspec.to_builtins(dict(made_with))
+        self._made_by = made_by
         self._number = 0
         self._entries: list[AnyEntry] = []
         self._size_bytes = 0
@@ -83,10 +85,17 @@ class Journal:
             boot_id=self._boot_id,
             number=self._number,
             made_with=self._made_with if self._number == 0 else {},
+            made_by=self._made_by if self._number == 0 else "",
             entries=self.take_entries(),
         )
         self._number += 1
         return msgspec.json.encode(part)
+
+
+def class_of(service: object) -> str:
+    """Class of a service as `module:class`; the module of a program that was started is `__main__`."""
+    kind = type(service)
+    return f"{kind.__module__}:{kind.__qualname__}"
 
 
 def content_of(data: bytes) -> tuple[Raw, int | None]:

@@ -14,7 +14,7 @@ from random import Random
 from typing import Any, Literal
 
 from jezero.base.codec import decode, encode
-from jezero.runtime.journal import Journal
+from jezero.runtime.journal import Journal, class_of
 from jezero.runtime.node import Node
 from jezero.runtime.service import SentMessage, Service
 from jezero.runtime.task import CANCELED, Outcome, execute, pickled, read_outcome
@@ -367,7 +367,7 @@ class Port:
         self._bus = bus
         spec = service.spec
         keeps_journal = journaled and not spec.hears_all
-        self._journal = Journal(spec.name, 0, spec.made_with) if keeps_journal else None
+        self._journal = Journal(spec.name, 0, spec.made_with, class_of(service)) if keeps_journal else None
         self.node = Node(service, self, strict=strict, boot_id=0, journal=self._journal)
         self.subscribed = frozenset(topic.name for topic in spec.inputs)
         self.serving = frozenset(endpoint.name for endpoint in spec.serves)

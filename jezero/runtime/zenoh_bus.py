@@ -21,7 +21,7 @@ from jezero.base.plain_text import plain
 from jezero.base.zenoh_client import FIRST, LAST, client_config, data_of, declare_publisher, put
 from jezero.runtime.clock import VehicleClock
 from jezero.runtime.instance import Instance, is_recorded
-from jezero.runtime.journal import Journal
+from jezero.runtime.journal import Journal, class_of
 from jezero.runtime.links import SocketLink
 from jezero.runtime.linux_processes import process_in_words
 from jezero.runtime.node import Node
@@ -93,7 +93,7 @@ class ServiceLoop:
         process = process_in_words()
         self._journal: Journal | None = None
         if is_recorded() and not self._spec.hears_all:
-            self._journal = Journal(self._spec.name, boot_id, self._spec.made_with)
+            self._journal = Journal(self._spec.name, boot_id, self._spec.made_with, class_of(service))
         self._node = Node(service, self, strict=False, boot_id=boot_id, process=process, journal=self._journal)
         self._period_ns = int(NS_PER_S / self._spec.rate_hz)
         self._due_ns = 0

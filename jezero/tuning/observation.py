@@ -8,10 +8,11 @@ import numpy as np
 
 from jezero.recording.journals import files_with_start
 from jezero.recording.mcap_file import RecordingError
+from jezero.replay.rebuild import OwnClassError
 from jezero.replay.through import Replay, replay_through
+from jezero.runtime.journal import class_of
 from jezero.runtime.service import Service
 from jezero.services.estimator.innovations import Innovation, Sensor
-from jezero.services.estimator.service import Estimator
 from jezero.tuning.sensors import SENSORS
 
 UNSETTLED = 25.0
@@ -32,13 +33,18 @@ class ObservedFlight:
     innovations: dict[Sensor, list[Innovation]]
 
 
-def runs_of_files(paths: Iterable[Path]) -> list[Path]:
+def runs_of_files(paths: Iterable[Path], left_out: dict[Path, str]) -> list[Path]:
     """The recordings without those that continue one another or are the same: one path for each run of the estimator.
 
-    Raises:
-        RecordingError: a recording can't be read, or has no journal of the estimator.
+    Args:
+        left_out: gets each recording that can't be read, or has no journal of the estimator, with the reason.
     """
-    files = {path: frozenset(each.resolve() for each in files_with_start(path, "estimator")) for path in paths}
+    files: dict[Path, frozenset[Path]] = {}
+    for path in paths:
+        try:
+            files[path] = frozenset(each.resolve() for each in files_with_start(path, "estimator"))
+        except RecordingError as error:
+            left_out[path] = str(error)
     kept: dict[frozenset[Path], Path] = {}
     for path, own in files.items():
         if not any(own < other for other in files.values()):
@@ -46,16 +52,18 @@ def runs_of_files(paths: Iterable[Path]) -> list[Path]:
     return list(kept.values())
 
 
-def observe(path: Path, changes: Mapping[str, str]) -> ObservedFlight:
+def observe(path: Path, changes: Mapping[str, str], own: type[Service] | None = None) -> ObservedFlight:
     """Replay a flight through the estimator and collect the innovations.
 
     Args:
         path: the recording.
         changes: settings other than recorded, as TOML by name.
+        own: class of an estimator of one's own; None: jezero's.
 
     Raises:
         RecordingError: the recording can't be read, or has no journal of the estimator from its start.
         SettingError: a setting is wrong.
+        OwnClassError: `own` can't be replayed, or gives no innovations.
     """
     runs: list[dict[tuple[Sensor, int], Innovation]] = []
 
@@ -63,12 +71,16 @@ def observe(path: Path, changes: Mapping[str, str]) -> ObservedFlight:
         runs[-1][innovation.sensor, innovation.t_ns] = innovation
 
     def watch(service: Service) -> None:
-        if not isinstance(service, Estimator):
-            raise RecordingError(f"{path} was flown with an estimator that can't be tuned")
+        give = getattr(service, "observe_innovations", None)
+        if give is None:
+            raise OwnClassError(
+                f"{class_of(service)} can't be tuned: it has no method observe_innovations(observer), which gives "
+                "observer the innovations of its filter (jezero.services.estimator.innovations)"
+            )
         runs.append({})
-        service.observe_innovations(keep)
+        give(keep)
 
-    replay = replay_through(path, "estimator", changes, watch)
+    replay = replay_through(path, "estimator", changes, own, watch)
     by_sensor: dict[Sensor, list[Innovation]] = {sensor: [] for sensor in SENSORS}
     for found in runs:
         for innovation in sorted(found.values(), key=lambda each: each.t_ns):

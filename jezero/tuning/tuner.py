@@ -7,7 +7,9 @@ from pathlib import Path
 
 import msgspec
 
+from jezero.recording.mcap_file import RecordingError
 from jezero.replay.errors import Errors, relative_errors
+from jezero.runtime.service import Service
 from jezero.services.estimator.innovations import Innovation, Sensor
 from jezero.tuning.consistency import COUNT_MIN, Consistency, fit_setting, judge, setting_in_use
 from jezero.tuning.observation import ObservedFlight, observe, runs_of_files
@@ -17,6 +19,8 @@ from jezero.tuning.statistics import ConsistentSetting
 ROUNDS_MAX = 10
 CONVERGED = 0.02
 """The search ends when no setting changes by more than this share between two replays."""
+VALID_LOST_MAX = 0.01
+"""Share of the estimates that a recommendation may make invalid."""
 UNCHANGED = 0.02
 """A sensor whose suggestion differs by less from the setting in use is not replayed by itself."""
 
@@ -91,16 +95,26 @@ class Accuracy(msgspec.Struct, frozen=True, kw_only=True):
     valid_in_use: float
     valid_suggested: float
 
+    @property
+    def is_better(self) -> bool:
+        """Whether the error is smaller with the suggestions, and not because fewer estimates are valid."""
+        keeps_valid = self.valid_suggested >= self.valid_in_use - VALID_LOST_MAX
+        return keeps_valid and self.rms_suggested_m < self.rms_in_use_m
+
 
 @dataclass(frozen=True)
 class TuningResult:
     """Outcome of a tuning.
 
     Attributes:
-        paths: the recordings, one for each run of the estimator.
+        paths: the recordings that were used, one for each run of the estimator.
+        left_out: the recordings that can't be used, with the reason.
         sensors: the sensors with enough measurements.
         too_few: number of measurements of each sensor that has some, but too few.
-        accuracy: errors against the truth; None without truth.
+        accuracy: errors against the truth with all suggestions; None without truth.
+        recommended: the settings with the least error of all sets of suggestions that were replayed, by name; none
+            where no set has a smaller error than the settings in use. All suggestions without truth.
+        rms_recommended_m: root of the mean square error with them; None without truth, or without recommended settings.
         rounds: number of replays of each flight until the settings stayed.
         converged: whether they stayed.
         flights_in_use: the flights, replayed with the settings in use.
@@ -108,9 +122,12 @@ class TuningResult:
     """
 
     paths: list[Path]
+    left_out: dict[Path, str]
     sensors: list[SensorTuning]
     too_few: dict[Sensor, int]
     accuracy: Accuracy | None
+    recommended: dict[str, float]
+    rms_recommended_m: float | None
     rounds: int
     converged: bool
     flights_in_use: list[ObservedFlight]
@@ -119,12 +136,14 @@ class TuningResult:
     @property
     def settings(self) -> dict[str, float]:
         """Suggested settings by name, without those that stay."""
-        found = [each.suggestion for each in self.sensors if each.suggestion is not None]
-        return {each.setting: each.value for each in found if not each.keeps}
+        return _settings(self.sensors)
 
 
 def tune(
-    paths: Sequence[Path], changes: Mapping[str, str], on_progress: Callable[[str], None] = lambda text: None
+    paths: Sequence[Path],
+    changes: Mapping[str, str],
+    own: type[Service] | None = None,
+    on_progress: Callable[[str], None] = lambda text: None,
 ) -> TuningResult:
     """Find the noise settings that make the innovations of recorded flights consistent.
 
@@ -132,38 +151,134 @@ def tune(
     depends on all of them.
 
     Args:
-        paths: recordings of flights.
+        paths: recordings of flights; those that can't be used are left out.
         changes: settings in use other than recorded, as TOML by name.
+        own: class of an estimator of one's own, see `observe`; None: jezero's.
         on_progress: called with a sentence before each round of replays.
 
     Raises:
-        RecordingError: a recording can't be read, or has no journal of the estimator from its start.
         SettingError: a change is wrong.
-        TuningError: the flights are too short.
+        OwnClassError: `own` can't be tuned.
+        TuningError: no flight can be used, or they are too short.
     """
-    paths = runs_of_files(paths)
+    on_progress("replaying with the settings in use")
+    in_use, left_out = _observe_all(paths, changes, own)
 
     def replay(settings: Mapping[str, str]) -> list[ObservedFlight]:
-        return [observe(path, {**changes, **settings}) for path in paths]
+        return [observe(path, {**changes, **settings}, own) for path in in_use]
 
-    on_progress("replaying with the settings in use")
-    in_use = replay({})
-    counts = {sensor: sum(map(len, _series(in_use, sensor))) for sensor in SENSORS}
+    flights = list(in_use.values())
+    counts = {sensor: sum(map(len, _series(flights, sensor))) for sensor in SENSORS}
     if max(counts.values()) < COUNT_MIN:
         raise TuningError(
             f"no sensor has {COUNT_MIN} measurements that the estimator can use: give a longer recording, in which "
             "the vehicle flies near the rover"
         )
-    search, suggested, converged = _Search(), in_use, False
+    search, suggested, converged = _Search(), flights, False
     while not (converged := search.advance(suggested)) and search.rounds < ROUNDS_MAX:
         on_progress(f"round {search.rounds}: replaying with {search.as_text()}")
         suggested = replay(search.as_toml())
-    sensors = [found for sensor in SENSORS if (found := _sensor_tuning(sensor, search, in_use, suggested)) is not None]
-    accuracy = _accuracy(in_use, suggested)
+    sensors = [found for sensor in SENSORS if (found := _sensor_tuning(sensor, search, flights, suggested)) is not None]
+    trials = _Trials(flights, replay, on_progress)
+    accuracy = trials.add(_settings(sensors), suggested)
     if accuracy is not None:
-        sensors = [_with_error_alone(each, in_use, replay, on_progress) for each in sensors]
-    too_few = {sensor: count for sensor, count in counts.items() if 0 < count < COUNT_MIN}
-    return TuningResult(list(paths), sensors, too_few, accuracy, search.rounds, converged, in_use, suggested)
+        sensors = [_with_error_alone(each, trials) for each in sensors]
+        trials.try_the_better_ones()
+    recommended, rms_recommended_m = (_settings(sensors), None) if accuracy is None else trials.best()
+    return TuningResult(
+        paths=list(in_use),
+        left_out=left_out,
+        sensors=sensors,
+        too_few={sensor: count for sensor, count in counts.items() if 0 < count < COUNT_MIN},
+        accuracy=accuracy,
+        recommended=recommended,
+        rms_recommended_m=rms_recommended_m,
+        rounds=search.rounds,
+        converged=converged,
+        flights_in_use=flights,
+        flights_suggested=suggested,
+    )
+
+
+def _observe_all(
+    paths: Sequence[Path], changes: Mapping[str, str], own: type[Service] | None
+) -> tuple[dict[Path, ObservedFlight], dict[Path, str]]:
+    """The flights with the settings in use, and the recordings that can't be used, with the reason.
+
+    Raises:
+        TuningError: none can be used.
+    """
+    left_out: dict[Path, str] = {}
+    flights: dict[Path, ObservedFlight] = {}
+    for path in runs_of_files(paths, left_out):
+        try:
+            flights[path] = observe(path, changes, own)
+        except RecordingError as error:
+            left_out[path] = str(error)
+    if not flights:
+        raise TuningError("; ".join(map(left_out_in_words, left_out, left_out.values())))
+    return flights, left_out
+
+
+def left_out_in_words(path: Path, reason: str) -> str:
+    """A recording that can't be used, and why."""
+    return reason if reason.startswith(str(path)) else f"{path}: {reason}"
+
+
+def _settings(sensors: Sequence[SensorTuning]) -> dict[str, float]:
+    found = [each.suggestion for each in sensors if each.suggestion is not None]
+    return {each.setting: each.value for each in found if not each.keeps}
+
+
+class _Trials:
+    """Sets of suggestions that were replayed, with their errors.
+
+    Args:
+        in_use: the flights with the settings in use.
+        replay: replays them with other settings.
+        on_progress: called with a sentence before a replay.
+    """
+
+    def __init__(
+        self,
+        in_use: Sequence[ObservedFlight],
+        replay: Callable[[Mapping[str, str]], list[ObservedFlight]],
+        on_progress: Callable[[str], None],
+    ) -> None:
+        self._in_use = in_use
+        self._replay = replay
+        self._on_progress = on_progress
+        self._tried: list[tuple[dict[str, float], Accuracy]] = []
+
+    def add(self, settings: dict[str, float], flights: Sequence[ObservedFlight]) -> Accuracy | None:
+        """Add a set that was replayed; returns its errors, None without truth."""
+        accuracy = _accuracy(self._in_use, flights)
+        if accuracy is not None:
+            self._tried.append((settings, accuracy))
+        return accuracy
+
+    def replay(self, settings: dict[str, float]) -> Accuracy | None:
+        """Replay a set; returns its errors, None without truth."""
+        toml = {name: f"{value:g}" for name, value in settings.items()}
+        self._on_progress(f"replaying with only {', '.join(f'{name} = {text}' for name, text in toml.items())}")
+        return self.add(settings, self._replay(toml))
+
+    def try_the_better_ones(self) -> None:
+        """Replay those suggestions together that lower the error alone, if these are several and not all."""
+        together: dict[str, float] = {}
+        for settings, accuracy in self._tried:
+            if len(settings) == 1 and accuracy.is_better:
+                together |= settings
+        if len(together) > 1 and all(together.keys() != settings.keys() for settings, _ in self._tried):
+            self.replay(together)
+
+    def best(self) -> tuple[dict[str, float], float | None]:
+        """The set with the least error and this error; none where none is better than the settings in use."""
+        better = [each for each in self._tried if each[0] and each[1].is_better]
+        if not better:
+            return {}, None
+        settings, accuracy = min(better, key=lambda each: each[1].rms_suggested_m / each[1].rms_in_use_m)
+        return settings, accuracy.rms_suggested_m
 
 
 class _Search:
@@ -266,19 +381,12 @@ def _sensor_tuning(
     )
 
 
-def _with_error_alone(
-    tuning: SensorTuning,
-    in_use: Sequence[ObservedFlight],
-    replay: Callable[[Mapping[str, str]], list[ObservedFlight]],
-    on_progress: Callable[[str], None],
-) -> SensorTuning:
+def _with_error_alone(tuning: SensorTuning, trials: _Trials) -> SensorTuning:
     """The result of one sensor, with the error that its suggestion alone gives."""
     suggestion = tuning.suggestion
     if suggestion is None or abs(log(suggestion.value / suggestion.in_use)) < UNCHANGED:
         return tuning
-    text = f"{suggestion.value:g}"
-    on_progress(f"replaying with {suggestion.setting} = {text} alone")
-    accuracy = _accuracy(in_use, replay({suggestion.setting: text}))
+    accuracy = trials.replay({suggestion.setting: suggestion.value})
     rms_m = None if accuracy is None else accuracy.rms_suggested_m
     return msgspec.structs.replace(tuning, suggestion=msgspec.structs.replace(suggestion, rms_alone_m=rms_m))
 

@@ -1,8 +1,11 @@
 """The table of all actions."""
 
+from dataclasses import replace
 from typing import Any
 
-from jezero.base.config import config_directory, load_config
+import msgspec
+
+from jezero.base.config import ConfigError, config_directory, load_config
 from jezero.base.plugins import PluginError, load_declaration
 from jezero.services.actions.area_coverage.planner import ACTION as AREA_COVERAGE
 from jezero.services.actions.config import ActionsConfig, load_actions_config
@@ -51,13 +54,18 @@ def settings_of(declaration: ActionDeclaration[Any], config: ActionsConfig) -> A
 
 
 def action_server(
-    name: str, boot_id: int, config: ActionsConfig | None = None, pictures: PictureStore | None = None
+    name: str,
+    boot_id: int,
+    config: ActionsConfig | None = None,
+    pictures: PictureStore | None = None,
+    settings: dict[str, Any] | None = None,
 ) -> ActionServer:
     """Make the server of the action `name`; settings from `actions.toml` and `vehicle.toml` unless given.
 
     Args:
         boot_id: see `ActionServer`.
         pictures: see `ActionServer`.
+        settings: own settings of an action of a package, by name; None: those of `settings_of`.
 
     Raises:
         PluginError: there is no such action, or the package that adds it is broken.
@@ -65,5 +73,14 @@ def action_server(
     """
     config = config or load_actions_config()
     declaration = find_declaration(name)
-    planner = declaration.planner(settings_of(declaration, config), config)
-    return ActionServer(declaration.action, planner, config, boot_id, pictures)
+    if settings is None:
+        own = settings_of(declaration, config)
+    else:
+        try:
+            own = msgspec.convert(settings, declaration.settings)
+        except msgspec.ValidationError as error:
+            raise ConfigError(f"{name}: {error}") from None
+    server = ActionServer(declaration.action, declaration.planner(own, config), config, boot_id, pictures)
+    if name not in DECLARATIONS:  # the settings of jezero's own actions are in `config`
+        server.spec = replace(server.spec, made_with={**server.spec.made_with, "settings": own})
+    return server

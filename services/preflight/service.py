@@ -5,7 +5,7 @@ newest report. In between, and in flight, it listens to status and clock only, a
 height.
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import Any
 
 from jezero.base.plugins import action_names
@@ -93,13 +93,13 @@ class Preflight:
     def __init__(
         self,
         services: tuple[str, ...] | None = None,
-        actions: tuple[str, ...] | None = None,
+        actions: Collection[str] | None = None,
         vehicle: VehicleConfig | None = None,
         keys: str = "",
     ) -> None:
         vehicle = vehicle or VehicleConfig()
         services = checked_services() if services is None else services
-        actions = tuple(action_names()) if actions is None else actions
+        actions = tuple(action_names() if actions is None else actions)
         self._health = {name: health_of(name) for name in (*services, *actions)}
         self._on_demand: tuple[Topic[Any], ...] = (*SENSORS, FENCE, *self._health.values())
         self.spec = Spec(

@@ -9,6 +9,7 @@ from collections.abc import Awaitable, Callable
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from jezero import aio
 from jezero.aio import Aborted, Canceled, Goal, Refused, TimedOut, Unreachable, Vehicle
@@ -22,6 +23,7 @@ from tests.client.rig import (
     Server,
     a_feedback,
     a_result,
+    a_status,
     endpoint,
     server,
 )
@@ -122,6 +124,7 @@ def test_an_abort_is_sent_at_once_however_many_tasks_wait(server: Server, endpoi
 def test_a_goal_is_paused_modified_and_resumed(server: Server, endpoint: str) -> None:
     server.serve(TAKEOFF, ACCEPTED, end=False)
     server.serve(f"{TAKEOFF}/pause", PauseReply(paused=True))
+    server.serve("status", replace(a_status(), goal_id="g", action="takeoff", paused=True))
     server.serve(f"{TAKEOFF}/modify", ModifyReply(modified=True, warning="lower than asked"))
     server.serve(f"{TAKEOFF}/resume", ResumeReply(resumed=False, reason="goal g is not paused"))
 

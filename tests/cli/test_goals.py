@@ -127,7 +127,7 @@ class FakeGoal:
     def __init__(self) -> None:
         self.asked: list[str] = []
 
-    def pause(self) -> None:
+    def pause(self, *, wait: bool) -> None:
         self.asked.append("pause")
 
     def resume(self) -> None:

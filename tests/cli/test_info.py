@@ -1,24 +1,30 @@
 """`jezero info page`, and the words of the reference pages."""
 
-import ast
-import inspect
 import re
 import shlex
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import click
 import msgspec
 import pytest
 from click.testing import CliRunner
 from msgspec import Meta
+from msgspec.structs import replace
 
+from jezero.base.codec import decode_request
 from jezero.cli.info import PAGES, reference_page
 from jezero.cli.main import main
 from jezero.cli.reference.actions import EXAMPLES
 from jezero.cli.reference.words import Field, attributes_of, description_of, fields_of, summary_of, table, unit_of
-from jezero.client import Vehicle
+from jezero.client.goal_methods import GoalMethods
+from jezero.schemas.goals import Goal
+from jezero.schemas.rows import Action
+from jezero.schemas.state import Odometry, Status, StatusCode
 from jezero.schemas.topics import ACTIONS
+from jezero.services.actions.config import ActionsConfig
+from jezero.services.actions.motion.behaviour import Plan
+from jezero.services.actions.table import DECLARATIONS
 
 ROOT = Path(__file__).parents[2]
 
@@ -177,15 +183,70 @@ def test_an_example_of_a_command_is_parsed(name: str) -> None:
     found.make_context(command, words)
 
 
+class GoalSenderSpy:
+    """Keeps the goals that a vehicle's methods send."""
+
+    def __init__(self) -> None:
+        self.sent: list[Goal] = []
+
+    def send(self, action: Action[Any], goal: Goal) -> None:
+        assert type(goal) is action.goal_type
+        self.sent.append(goal)
+
+    send_for_images = send
+
+
 @pytest.mark.parametrize("name", ACTIONS)
-def test_an_example_of_a_call_fits_the_method(name: str) -> None:
-    call = ast.parse(EXAMPLES[name].call, mode="eval").body
-    assert isinstance(call, ast.Call)
-    assert isinstance(call.func, ast.Attribute)
-    values = [ast.literal_eval(value) for value in call.args]
-    assert call.func.attr == name or (call.func.attr, values[0]) == ("send", name)
-    named = {str(keyword.arg): ast.literal_eval(keyword.value) for keyword in call.keywords}
-    inspect.signature(getattr(Vehicle, call.func.attr)).bind(None, *values, **named)
+def test_an_example_of_a_call_sends_the_goal(name: str) -> None:
+    spy: Any = GoalSenderSpy()
+    eval(EXAMPLES[name].call, {"uav": GoalMethods(spy)})
+    assert [replace(goal, goal_id="") for goal in spy.sent] == [EXAMPLES[name].goal]
+
+
+SELECTORS = re.findall(r"jezero/uav1/@action/(\w+)(?:\?([^`'\s]*))?[`']", reference_page("actions"))
+"""Action and parameters of every selector on the page of all actions that sends a goal."""
+
+
+def test_the_page_has_a_selector_of_each_action() -> None:
+    assert {name for name, _ in SELECTORS} == set(ACTIONS)
+
+
+@pytest.mark.parametrize(("name", "parameters"), SELECTORS)
+def test_a_selector_on_the_page_is_decoded_and_planned(name: str, parameters: str) -> None:
+    """As when it is copied: the fields are parameters, separated by `;`."""
+    action, words = ACTIONS[name], dict(word.split("=", 1) for word in parameters.split(";") if word)
+    goal = decode_request(action.goal_type, b"", words, needs_field=action.endpoint.needs_field)
+    expected = EXAMPLES[name].goal if "_time" not in words else goal
+    assert goal == expected
+    config, declaration = ActionsConfig(), DECLARATIONS[name]
+    planner = declaration.planner(getattr(config, name), config)
+    code = StatusCode.IDLE if name == "takeoff" else StatusCode.HOVER
+    assert isinstance(planner.plan(goal, hovering(code)), Plan)
+
+
+def hovering(code: StatusCode) -> Status:
+    """Status of a vehicle 3 m above the origin, or on the ground there."""
+    landed = code is StatusCode.IDLE
+    odometry = Odometry(
+        t_ns=0,
+        epoch_id=1,
+        pos_uav_ned_m=(0.0, 0.0, 0.0 if landed else -3.0),
+        vel_uav_ned_mps=(0.0, 0.0, 0.0),
+        q_ned_from_frd=(1.0, 0.0, 0.0, 0.0),
+        rates_uav_frd_rps=(0.0, 0.0, 0.0),
+    )
+    return Status(
+        t_ns=0,
+        code=code,
+        name=code.name,
+        odometry=odometry,
+        armed=not landed,
+        landed=landed,
+        in_charge="none" if landed else "hover",
+        bridge_boot_id=1,
+        ready=True,
+        takeoff_ned_m=(0.0, 0.0, 0.0),
+    )
 
 
 @pytest.mark.parametrize("name", ACTIONS)

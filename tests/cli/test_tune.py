@@ -40,7 +40,7 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return recording
 
 
-def test_it_shows_each_sensor_and_settings_that_replay_takes(flight: Path, tmp_path: Path) -> None:
+def test_it_shows_each_sensor_and_settings_that_replay_takes(flight: Path, found: Any, tmp_path: Path) -> None:
     result = tune(flight, "--figure", tmp_path / "innovations.svg")
     assert result.exit_code == 0, result.output
     for label in ("UWB ranges", "tag, position", "altimeter", "rover, yaw", "autopilot, position"):
@@ -48,11 +48,12 @@ def test_it_shows_each_sensor_and_settings_that_replay_takes(flight: Path, tmp_p
     _, _, settings = result.stdout.partition("settings for deploy/config/estimator.toml:\n")
     toml, _, rest = settings.partition("to check them on a flight:\n")
     tuning = msgspec.toml.decode(toml)["tuning"]
-    assert tuning["std_altimeter_m"] == pytest.approx(0.025, rel=0.3)
+    assert tuning and tuning == pytest.approx(found["recommended"])
     words = rest.partition("\nwrote ")[0].replace("\\\n", " ").split()
     replayed = CliRunner().invoke(main, words[1:])
     assert replayed.exit_code == 0, replayed.output
-    assert f"std_altimeter_m={tuning['std_altimeter_m']:g}" in words
+    for name, value in tuning.items():
+        assert f"{name}={value:g}" in words
     assert "UWB ranges" in (tmp_path / "innovations.svg").read_text()
 
 
@@ -69,11 +70,21 @@ def test_json_has_the_figures_of_each_sensor(flight: Path, found: Any) -> None:
     assert low < 1.0 < high and altimeter["in_use"]["nis"] < low  # the shipped noise is larger than the simulator's
     assert low < altimeter["suggested"]["nis"] < high
     assert altimeter["suggestion"]["in_use"] == 0.035
+    assert altimeter["suggestion"]["value"] == pytest.approx(0.025, rel=0.3)
     assert sensors["autopilot_position"]["suggestion"] is None
     assert found["settings"]["std_altimeter_m"] == altimeter["suggestion"]["value"]
     assert found["accuracy"]["rms_suggested_m"] > 0.0 and found["converged"]
     assert Path(found["figure"]) == flight.parent / "tuning.png"
     assert Path(found["figure"]).read_bytes().startswith(b"\x89PNG")
+
+
+def test_it_recommends_what_has_the_least_error_of_all_that_it_has_tried(found: Any) -> None:
+    alone = {each["suggestion"]["setting"]: each["suggestion"]["rms_alone_m"]
+             for each in found["sensors"] if each["suggestion"] is not None}  # fmt: skip
+    known = [rms_m for rms_m in alone.values() if rms_m is not None]
+    assert known and set(found["recommended"]) <= set(found["settings"])
+    assert found["rms_recommended_m"] < found["accuracy"]["rms_in_use_m"]
+    assert found["rms_recommended_m"] <= min(*known, found["accuracy"]["rms_suggested_m"])
 
 
 def test_the_same_recording_counts_once(flight: Path, found: Any) -> None:

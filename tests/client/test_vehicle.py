@@ -6,6 +6,7 @@ import time
 import msgspec
 import pytest
 import zenoh
+from msgspec.structs import replace
 
 from jezero import Aborted, Canceled, JezeroError, Refused, TimedOut, Unreachable, Vehicle
 from jezero.base.zenoh_client import client_config
@@ -22,7 +23,7 @@ from jezero.schemas.actions import (
 )
 from jezero.schemas.commands import AbortReply, HoverReply, KillReply
 from jezero.schemas.goals import MoveResult, TakeoffGoal
-from jezero.schemas.state import StatusCode
+from jezero.schemas.state import Status, StatusCode
 from tests.client.rig import (
     ACCEPTED,
     POINT,
@@ -150,13 +151,41 @@ def test_pause_resume_and_modify_name_the_goal_and_tell_the_reason_of_a_refusal(
     server.serve("@action/takeoff/resume", ResumeReply(resumed=False, reason="goal g is not paused"))
     server.serve("@action/takeoff/modify", ModifyReply(modified=True, warning="flown at 1 m/s"))
     goal = vehicle.takeoff()
-    goal.pause()
+    goal.pause(wait=False)
     assert server.asked[-1][2]["goal_id"] == "g"
     with pytest.raises(Refused, match="goal g is not paused"):
         goal.resume()
     goal.modify(altitude_m=3.0)
     assert server.asked[-1][2]["fields"] == {"altitude_m": 3.0}
     assert goal.warning == "flown at 1 m/s"
+
+
+def test_a_pause_returns_when_the_vehicle_hovers(vehicle: Vehicle, server: Server) -> None:
+    server.serve("@action/takeoff", ACCEPTED, end=False)
+    server.serve("@action/takeoff/pause", PauseReply(paused=True))
+    server.serve("@action/result", ResultReply(goal_id="g", action="takeoff", running=True))
+    braking = replace(a_status(), goal_id="g", action="takeoff")
+    server.serve("status", braking)
+    goal, t_paused_ns, published_ns = vehicle.takeoff(), 115, [0]
+
+    def make(t_ns: int) -> Status:
+        published_ns[0] = t_ns
+        return replace(braking, t_ns=t_ns, paused=t_ns >= t_paused_ns)
+
+    with published(server, make):
+        goal.pause()
+    assert published_ns[0] >= t_paused_ns
+    with published(server, make):
+        assert vehicle.pause() == "g"
+
+
+def test_a_pause_of_a_goal_that_ends_meanwhile_is_refused(vehicle: Vehicle, server: Server) -> None:
+    server.serve("@action/takeoff", ACCEPTED, end=False)
+    server.serve("@action/takeoff/pause", PauseReply(paused=True))
+    server.serve("@action/result", ResultReply(goal_id="g", action="takeoff", running=False))
+    server.serve("status", a_status())
+    with pytest.raises(Refused, match="takeoff ended before the vehicle hovered"):
+        vehicle.takeoff().pause()
 
 
 def test_the_goal_in_charge_is_paused_whoever_sent_it(vehicle: Vehicle, server: Server) -> None:

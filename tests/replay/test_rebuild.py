@@ -3,22 +3,27 @@
 import pytest
 
 from jezero.recording import RecordingError
+from jezero.recording.journals import ServiceRun
 from jezero.replay.rebuild import make_service
 
 
+def recorded(name: str, made_with: dict[str, object], made_by: str = "jezero.services") -> ServiceRun:
+    return ServiceRun(name, 1, made_with, f"{made_by}:Service")
+
+
 def test_a_service_is_made_from_its_recorded_arguments() -> None:
-    service = make_service("rover", {"address": "here:4810"})
+    service = make_service(recorded("rover", {"address": "here:4810"}), {})
     assert service.spec.made_with == {"address": "here:4810"}
 
 
 def test_a_server_of_an_action_is_made_by_its_name() -> None:
-    assert make_service("takeoff", {"name": "takeoff", "boot_id": 1}).spec.name == "takeoff"
+    assert make_service(recorded("takeoff", {"name": "takeoff", "boot_id": 1}), {}).spec.name == "takeoff"
 
 
 @pytest.mark.parametrize(
     ("name", "made_with", "sentence"),
     [
-        ("blank_camera", {}, "'blank_camera' is neither an action server nor a service that this version can replay"),
+        ("blank_camera", {"seed": 1}, "the recorded 'blank_camera' is not jezero's: name its class with --class"),
         ("spiral", {"name": "spiral", "boot_id": 1}, "there is no action 'spiral'.*Is the package that adds it instal"),
         ("ground_station", {}, "can't make 'ground_station' without health: not recorded"),
         ("estimator", {"config": {}}, "can't make 'estimator' without vehicle: not recorded"),
@@ -29,4 +34,4 @@ def test_what_can_not_be_made_is_refused_in_one_sentence(
     name: str, made_with: dict[str, object], sentence: str
 ) -> None:
     with pytest.raises(RecordingError, match=sentence):
-        make_service(name, made_with)
+        make_service(recorded(name, made_with), {})

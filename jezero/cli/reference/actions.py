@@ -6,8 +6,7 @@ from typing import Any, NamedTuple, get_origin
 
 import msgspec
 
-from jezero.base.plugins import all_actions
-from jezero.cli.reference.topics import Row
+from jezero.cli.reference.topics import Actions, Row
 from jezero.cli.reference.words import Field, description_of, escape, fields_of, summary_of, table
 from jezero.schemas import actions, goals
 from jezero.schemas.rows import Action
@@ -45,9 +44,12 @@ EXAMPLES = {
 }
 """Examples of jezero's own actions."""
 
+UNCHANGED = {"on_client_loss": "continue"}
+"""Field with its default, for an example whose other fields have their defaults: a request without any is refused."""
+
 INTRODUCTION = """# Actions
 
-This page is the output of `jezero info page actions`, which also has the actions of installed packages.
+This page is the output of `jezero info page actions --own`. Without `--own`, the actions of installed packages follow.
 [Actions](../concepts/actions.md) explains the life of a goal, [settings](settings.md#actionstoml) the limits
 of all goals.
 
@@ -97,9 +99,9 @@ _LINK = re.compile(r"\[(\w+)\]\(#\w+\)")
 """A link inside a reference page; a terminal shows only its text."""
 
 
-def page() -> str:
+def page(shown: Actions = ACTIONS) -> str:
     """The page: what all goals share, then a chapter for each action."""
-    found = list(all_actions().values())
+    found = list(shown.values())
     common = [field.name for field in fields_of(goals.Goal)]
     parts = [INTRODUCTION, "## Fields of every goal\n", _inputs(fields_of(goals.Goal))]
     parts.append("## Replies\n")
@@ -146,8 +148,9 @@ def _example(action: Action[Any], example: Example) -> str:
         for name, value in msgspec.to_builtins(example.goal).items()
         if value != _defaults(type(example.goal)).get(name, msgspec.NODEFAULT)
     }
+    given = given or UNCHANGED
     words = [f"{name}={value if isinstance(value, str) else _json(value)}" for name, value in given.items()]
-    key = f"jezero/uav1/{action.endpoint.name}" + ("?" if words else "") + ";".join(words)
+    key = f"jezero/uav1/{action.endpoint.name}?{';'.join(words)}"
     return f"- Command: `{example.command}`\n- Python: `{example.call}`\n- Zenoh: `{key}`\n"
 
 
@@ -156,7 +159,8 @@ def _defaults(struct: Any) -> dict[str, Any]:
 
 
 def _json(value: Any) -> str:
-    return msgspec.json.encode(value).decode().replace(".0", "")
+    """JSON, in which whole numbers have no decimals."""
+    return re.sub(r"(?<=\d)\.0(?!\d)", "", msgspec.json.encode(value).decode())
 
 
 def _reply_row(struct: Any, text: str) -> dict[str, str]:

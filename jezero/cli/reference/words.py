@@ -11,6 +11,7 @@ import msgspec
 from msgspec import inspect as types
 
 from jezero.base.plugins import action_names
+from jezero.schemas.topics import ACTIONS
 
 BOUND_MAX = {types.FloatType: 1e4, types.IntType: 1e6}
 """Bounds from here on only keep out garbage such as infinity, so that no page shows them."""
@@ -237,9 +238,9 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def cell(value: Any) -> str:
-    """A value for people; a list that holds all action servers names them together."""
+    """A value for people; a list that holds all of jezero's action servers names them, and all others, together."""
     if isinstance(value, list):
-        if set(action_names()) <= set(value):
+        if set(ACTIONS) <= set(value):
             value = [*(name for name in value if name not in action_names()), "actions"]
         return ", ".join(value)
     return f"{value:g}" if isinstance(value, float) else str(value)

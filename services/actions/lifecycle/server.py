@@ -129,7 +129,6 @@ class ActionServer:
         pictures: PictureStore | None = None,
     ) -> None:
         self._action = action
-        self._planner = GuardedPlanner(action.name, planner)
         self._config = config
         self._boot_id = boot_id
         self._pictures = (pictures or PictureStore()) if action.takes_pictures else None
@@ -144,7 +143,7 @@ class ActionServer:
             name=action.name,
             inputs=(STATUS, CLOCK, FENCE),
             on_demand=(ODOMETRY, RELATIVE, ROVER_ESTIMATE, *(CAPTURE_INPUTS if takes else (ALTIMETER,))),
-            outputs=(SETPOINT, feedback_of(action), *((CAMERA_PITCH,) if takes else ())),
+            outputs=(SETPOINT, feedback_of(action), *((CAMERA_PITCH,) if takes or action.points_camera else ())),
             serves=(*action.endpoints, RESULT),
             calls=(ACQUIRE, RELEASE, LEASE),
             triggers=(ODOMETRY.name, RELATIVE.name, RESULT.name, *(endpoint.name for endpoint in action.endpoints)),
@@ -152,6 +151,7 @@ class ActionServer:
             watches="client",
             made_with={"name": action.name, "boot_id": boot_id, "config": config},
         )
+        self._planner = GuardedPlanner(action, planner, self.spec)
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """Step the goal that runs, then handle the requests that arrived."""

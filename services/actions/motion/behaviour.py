@@ -118,8 +118,9 @@ class Move(msgspec.Struct, frozen=True):
         yaw_rate_rps: rate of the heading setpoint, fed forward.
         target_ned_m: point to which a velocity setpoint without a position leads horizontally, so that a vehicle that
             runs away from it is noticed; None where it leads to no point.
-        pitch_camera_rad: setpoint of the camera's pitch axis, for actions that take pictures; None moves no axis.
-        roll_camera_rad: setpoint of the camera's roll axis.
+        pitch_camera_rad: setpoint of the camera's pitch axis, from 0 (forward) to -pi/2 (straight down), for actions
+            declared with `points_camera` or `takes_pictures`; None moves no axis.
+        roll_camera_rad: setpoint of the camera's roll axis, -0.8 to 0.8; without a pitch it has no effect.
         frame: moving frame of the flight; None: the world.
     """
 
@@ -284,7 +285,8 @@ class Plan(msgspec.Struct, frozen=True):
         landing_from_m: height from which the vehicle must still land after a goal that starts on the ground, so that
             its battery must hold for that, too; 0 for other goals, whose landing the autopilot keeps a reserve for.
         lands: the goal ends on the ground. It is not refused for the battery, as no flight takes less.
-        inputs: topics that the behaviour needs besides odometry.
+        inputs: topics that the behaviour needs besides odometry, of those in `jezero.schemas.topics`: `RELATIVE` and
+            `ROVER_ESTIMATE` for `state.relative` and `state.rover`. `ALTIMETER` is always there.
         selection: the goal's own selection of the estimator's inputs; None: the estimator's own.
         capture: the pictures that the behaviour takes; None: none.
         rate_hz: setpoints per second; None: one for each odometry and each estimate.

@@ -54,7 +54,7 @@ class Commands:
         if self._feed.state.paused:
             await self._request("Resume", lambda uav: uav.resume(), "The goal goes on")
         else:
-            await self._request("Pause", lambda uav: uav.pause(), "The goal pauses: the vehicle hovers until Resume")
+            await self._request("Pause", lambda uav: uav.pause(), "The goal is paused: the vehicle hovers until Resume")
 
     @property
     def kill_words(self) -> str:

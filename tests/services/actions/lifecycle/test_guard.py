@@ -1,16 +1,35 @@
-"""The guard around an action's own code: an exception ends its goal with a sentence, and nothing else."""
+"""The guard around an action's own code: an exception, or a value that can't be used, ends its goal with a sentence,
+and nothing else."""
 
 from collections.abc import Callable
+from functools import partial
+from math import inf, nan
 from typing import Any
 
+import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from jezero.base.frames import Vec3
+from jezero.runtime.service import Spec
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import GoToGoal, MoveFeedback, MoveResult
+from jezero.schemas.rows import Action
 from jezero.schemas.state import Status, StatusCode
+from jezero.schemas.topics import ALTIMETER, ODOMETRY, RELATIVE, UWB
+from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.lifecycle.guard import GuardedPlanner
-from jezero.services.actions.motion.behaviour import Done, Move, Plan, Preparation, Prepared, Refusal, VehicleState
+from jezero.services.actions.motion.behaviour import (
+    Done,
+    Move,
+    MovingFrame,
+    Plan,
+    Preparation,
+    Prepared,
+    Refusal,
+    VehicleState,
+)
+from jezero.services.actions.motion.capture import Capture
 from tests.services.actions.test_behaviours import a_status
 
 STATE = VehicleState(
@@ -20,6 +39,8 @@ STATE = VehicleState(
     armed=True,
     landed=False,
 )
+ACTION = Action("spiral", GoToGoal, MoveFeedback, MoveResult, Phase.ACTION)
+SPEC = Spec(name="spiral", on_demand=(ODOMETRY, RELATIVE, ALTIMETER))
 GOAL = GoToGoal(target_ned_m=(0.0, 0.0, -3.0))
 MOVE = Move(Phase.ACTION, MoveFeedback(pos_uav_ned_m=(0.0, 0.0, -2.0), distance_m=1.0), pos_ned_m=(0.0, 0.0, -3.0))
 
@@ -68,7 +89,7 @@ class Broken:
 
 
 def plan_of(where: str) -> Plan | Refusal:
-    return GuardedPlanner("spiral", Broken(where)).plan(GOAL, a_status(StatusCode.HOVER))
+    return GuardedPlanner(ACTION, Broken(where), SPEC).plan(GOAL, a_status(StatusCode.HOVER))
 
 
 def behaviour_of(where: str) -> Any:
@@ -122,3 +143,101 @@ def test_a_behaviour_that_raises_aborts_its_goal_for_good(where: str) -> None:
 
 def test_a_result_that_raises_is_none() -> None:
     assert behaviour_of("result").result(True, STATE.pos_uav_ned_m) is None
+
+
+class Returns:
+    """A planner with one behaviour, which return what they are made with.
+
+    Args:
+        plan: what the planner returns; None: a plan of the behaviour.
+        move: what each step returns.
+        result: what the behaviour returns as its result.
+    """
+
+    def __init__(self, *, plan: Any = None, move: Any = MOVE, result: Any = None) -> None:
+        self._plan, self._move, self._result = plan, move, result
+
+    def plan(self, goal: Any, status: Status) -> Any:
+        return self._plan or Plan(lambda t_ns, state: self)
+
+    def step(self, t_ns: int, state: VehicleState) -> Any:
+        return self._move
+
+    def result(self, completed: bool, pos_uav_ned_m: Vec3) -> Any:
+        return self._result
+
+
+def guarded(code: Returns) -> Plan | Refusal:
+    return GuardedPlanner(ACTION, code, SPEC).plan(GOAL, a_status(StatusCode.HOVER))
+
+
+@pytest.mark.parametrize(
+    ("move", "sentence"),
+    [
+        (replace(MOVE, pitch_camera_rad=-1.0), "declare the Action with points_camera=True"),
+        (replace(MOVE, pos_ned_m=(0.0, 0.0, nan)), "Setpoint.pos_ned_m[2] is nan"),
+        (replace(MOVE, pos_ned_m=None), "neither pos_ned_m nor vel_ned_mps"),
+        (replace(MOVE, pos_ned_m=(0.0, 0.0)), "Expected `array` of length 3 - at `$.pos_ned_m`"),
+        (replace(MOVE, pos_ned_m=np.zeros(3)), "such as tuple(array.tolist())"),
+        (replace(MOVE, vel_ned_mps=(2000.0, 0.0, 0.0)), "Expected `float` <= 1000.0 - at `$.vel_ned_mps[0]`"),
+        (replace(MOVE, yaw_rad=90.0), "at `$.yaw_rad`"),
+        (replace(MOVE, target_ned_m=(inf, 0.0, 0.0)), "Move.target_ned_m: "),
+        (replace(MOVE, frame=MovingFrame((nan, 0.0, 0.0))), "Move.frame: "),
+        (replace(MOVE, feedback=GOAL), "feedback (GoToGoal): "),
+        (replace(MOVE, feedback=MoveFeedback(pos_uav_ned_m=(0.0, 0.0, 0.0), distance_m=inf)), "distance_m is inf"),
+        (Done("failed"), "Done: Invalid enum value 'failed'"),  # type: ignore[arg-type]
+        (Done("aborted", hover_pos_ned_m=(nan, 0.0, 0.0)), "hover_pos_ned_m[0] is nan"),
+    ],
+)
+def test_a_step_that_returns_what_can_not_be_used_aborts_the_goal(move: Any, sentence: str) -> None:
+    plan = guarded(Returns(move=move))
+    assert isinstance(plan, Plan) and not isinstance(plan.start, Preparation)
+    done = plan.start(0, STATE).step(0, STATE)
+    assert isinstance(done, Done) and done.outcome == "aborted"
+    assert done.reason.startswith("spiral failed in step: ") and sentence in done.reason
+
+
+CAPTURE = Capture(ActionsConfig().capture, ActionsConfig().vehicle, 1)
+START: Any = Returns()
+
+
+@pytest.mark.parametrize(
+    ("plan", "sentence"),
+    [
+        ("fly", "plan returned str, not a Plan or a Refusal"),
+        (Refusal(None), "Expected `str`, got `null`"),  # type: ignore[arg-type]
+        (Plan(START, inputs=(UWB,)), "names sensor/uwb, which no behaviour of this action gets; there are"),
+        (Plan(START, capture=CAPTURE), "declare the Action with takes_pictures=True"),
+        (Plan(START, rate_hz=-1.0), "rate_hz is -1"),
+        (Plan(START, override=("everything",)), "at `$.override[0]`"),  # type: ignore[arg-type]
+        (Plan(START, warning=5), "at `$.warning`"),  # type: ignore[arg-type]
+    ],
+)
+def test_a_plan_that_can_not_be_used_refuses_the_goal(plan: Any, sentence: str) -> None:
+    refusal = guarded(Returns(plan=plan))
+    assert isinstance(refusal, Refusal)
+    assert refusal.reason.startswith("spiral failed in plan: ") and sentence in refusal.reason
+
+
+def test_a_preparation_that_returns_something_else_refuses_the_goal() -> None:
+    start: Any = partial(lambda value: value)
+    plan = guarded(Returns(plan=Plan(Preparation(work=lambda state: lambda: None, start=start))))
+    assert isinstance(plan, Plan) and isinstance(plan.start, Preparation)
+    refusal = plan.start.start(None)
+    assert isinstance(refusal, Refusal) and "start returned NoneType, not a Prepared" in refusal.reason
+
+
+@pytest.mark.parametrize("result", [GOAL, MoveResult(completed=True, pos_uav_ned_m=(nan, 0.0, 0.0))])
+def test_a_result_of_another_type_or_out_of_range_is_none(result: Any) -> None:
+    plan = guarded(Returns(result=result))
+    assert isinstance(plan, Plan) and not isinstance(plan.start, Preparation)
+    assert plan.start(0, STATE).result(True, STATE.pos_uav_ned_m) is None
+
+
+def test_a_long_exception_is_cut_so_that_its_sentence_can_be_sent() -> None:
+    class Long(Returns):
+        def plan(self, goal: Any, status: Status) -> Any:
+            raise ValueError("x" * 5000)
+
+    refusal = guarded(Long())
+    assert isinstance(refusal, Refusal) and len(refusal.reason) < 1000

@@ -5,14 +5,17 @@ from math import cos, sin
 import pytest
 
 from jezero.base.frames import Vec3, add, distance, scale
+from jezero.runtime.service import Spec
 from jezero.schemas.commands import Phase
-from jezero.schemas.goals import MoveFeedback
+from jezero.schemas.goals import GoToGoal, MoveFeedback, MoveResult
+from jezero.schemas.rows import Action
 from jezero.schemas.state import StatusCode
 from jezero.services.actions.lifecycle.guard import GuardedPlanner
 from jezero.services.actions.lifecycle.pause_control import PauseControl
 from jezero.services.actions.motion.behaviour import Behaviour, Done, Move, MovingFrame, Plan, VehicleState
 from tests.services.actions.test_behaviours import a_status
 
+MINE = Action("mine", GoToGoal, MoveFeedback, MoveResult, Phase.ACTION)
 S = 1_000_000_000
 DT_NS = 20_000_000
 
@@ -109,7 +112,7 @@ class BrokenHover(Circle):
 
 
 def test_a_hover_of_its_own_that_raises_aborts_the_goal() -> None:
-    plan = GuardedPlanner("mine", BrokenHover()).plan(None, a_status(StatusCode.HOVER))
+    plan = GuardedPlanner(MINE, BrokenHover(), Spec(name="mine")).plan(None, a_status(StatusCode.HOVER))
     assert isinstance(plan, Plan)
     state = VehicleState((0.0, 0.0, -3.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), armed=True, landed=False)
     behaviour = plan.start(0, state)  # type: ignore[operator]
