@@ -10,8 +10,10 @@ from click.testing import CliRunner, Result
 from jezero.base.config import load_config
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.cli.main import main
-from jezero.recording.mcap_file import McapFile
+from jezero.recording.journals import ServiceRun
+from jezero.recording.mcap_file import McapFile, RecordingError
 from jezero.recording.writer import RecordingWriter
+from jezero.replay.rebuild import make_service
 from jezero.runtime.service import Inbox, Output, Publish, Service
 from jezero.schemas import topics
 from jezero.schemas.goals import TakeoffGoal
@@ -179,6 +181,12 @@ def test_a_class_that_can_not_be_replayed_is_refused_in_a_sentence(flight: Path,
     done = replay(flight, "--class", own)
     assert done.exit_code == 1
     assert done.stderr.splitlines()[-1].startswith(f"Error: {sentence}")
+
+
+def test_the_class_of_a_program_is_named_with_the_programs_file() -> None:
+    """As it was recorded from `python my_estimator.py`."""
+    with pytest.raises(RecordingError, match=r"--class module:MyEstimator, where the module is the program's file"):
+        make_service(ServiceRun("estimator", 1, {}, "__main__:MyEstimator"), {})
 
 
 def test_a_class_needs_a_service() -> None:

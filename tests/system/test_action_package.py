@@ -23,20 +23,37 @@ class BrokenPlanner:
         raise ZeroDivisionError("no plan")
 
 BROKEN = replace(ACTION, action=replace(ACTION.action, name="broken"), planner=BrokenPlanner)
+
+
+class Camera(SurveySpiral):
+    def step(self, t_ns, state):
+        return msgspec.structs.replace(super().step(t_ns, state), pitch_camera_rad=-0.5)
+
+
+class CameraPlanner(SurveySpiralPlanner):
+    def plan(self, goal, status):
+        return Plan(partial(Camera, goal, self._settings, self._config))
+
+UNDECLARED = replace(ACTION, action=replace(ACTION.action, name="undeclared"), planner=CameraPlanner)
 """
 
 
 @pytest.fixture(scope="module")
 def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of a package that `jezero new action` wrote, with an action whose planner raises added to it."""
+    """Folder of a package that `jezero new action` wrote, with two more actions.
+
+    The planner of the one raises, and the other points the camera, which it does not declare.
+    """
     into = tmp_path_factory.mktemp("package")
     subprocess.run([*JEZERO, "new", "action", NAME, "--into", str(into)], check=True, capture_output=True)
     folder = into / NAME
     module = folder / "src" / f"{NAME}.py"
-    module.write_text("from dataclasses import replace\n" + module.read_text() + BROKEN)
+    module.write_text("from dataclasses import replace\n\nimport msgspec\n" + module.read_text() + BROKEN)
     pyproject = folder / "pyproject.toml"
     entry = f'{NAME} = "{NAME}:ACTION"\n'
-    pyproject.write_text(pyproject.read_text().replace(entry, f'{entry}broken = "{NAME}:BROKEN"\n'))
+    pyproject.write_text(
+        pyproject.read_text().replace(entry, f'{entry}broken = "{NAME}:BROKEN"\nundeclared = "{NAME}:UNDECLARED"\n')
+    )
     return folder
 
 
@@ -138,6 +155,17 @@ def test_a_planner_that_raises_refuses_its_goal_and_its_server_lives(hovering: S
         assert "broken failed in plan: ZeroDivisionError: no plan" in refused.stderr
     assert hovering.processes()["broken"] == before
     assert "ZeroDivisionError" in hovering.jezero("logs", "broken").stdout
+
+
+@pytest.mark.long
+def test_a_camera_that_is_not_declared_ends_its_goal_and_its_server_lives(hovering: Stack) -> None:
+    before = hovering.processes()["undeclared"]
+    for _ in range(2):
+        sent = hovering.jezero("action", "send", "undeclared", "side_m=2", check=False)
+        assert sent.returncode != 0
+        assert "undeclared failed in step: Move.pitch_camera_rad points the camera: declare the Action" in sent.stderr
+    assert hovering.processes()["undeclared"] == before
+    assert json.loads(hovering.jezero("status", "--json").stdout)["name"] == "HOVER"
 
 
 @pytest.mark.slow
