@@ -8,11 +8,11 @@ from msgspec import Meta, Raw
 from jezero.schemas.struct import Message, Name
 
 
-class Entry(msgspec.Struct, frozen=True, array_like=True):
+class JournalEntry(msgspec.Struct, frozen=True, array_like=True):
     """Base of the entries. In JSON an entry is an array; its kind comes first, then its fields in their order."""
 
 
-class Step(Entry, frozen=True, array_like=True, tag="step"):
+class Step(JournalEntry, frozen=True, array_like=True, tag="step"):
     """The service was stepped. Its inputs stand before this entry, its outputs after it.
 
     Attributes:
@@ -29,7 +29,7 @@ class Step(Entry, frozen=True, array_like=True, tag="step"):
 # -- inputs of the next step -------------------------------------------------------------------------------
 
 
-class Received(Entry, frozen=True, array_like=True, tag="received"):
+class Received(JournalEntry, frozen=True, array_like=True, tag="received"):
     """A message of a topic.
 
     Attributes:
@@ -43,7 +43,7 @@ class Received(Entry, frozen=True, array_like=True, tag="received"):
     crc32: int | None = None
 
 
-class Requested(Entry, frozen=True, array_like=True, tag="requested"):
+class Requested(JournalEntry, frozen=True, array_like=True, tag="requested"):
     """A request of a client.
 
     Attributes:
@@ -61,7 +61,7 @@ class Requested(Entry, frozen=True, array_like=True, tag="requested"):
     parameters: dict[str, str] = {}
 
 
-class Refused(Entry, frozen=True, array_like=True, tag="refused"):
+class Refused(JournalEntry, frozen=True, array_like=True, tag="refused"):
     """A request that was no valid one; the service never saw it.
 
     Attributes:
@@ -77,7 +77,7 @@ class Refused(Entry, frozen=True, array_like=True, tag="refused"):
     reason: str
 
 
-class Answered(Entry, frozen=True, array_like=True, tag="answered"):
+class Answered(JournalEntry, frozen=True, array_like=True, tag="answered"):
     """The outcome of one of the service's own requests.
 
     Attributes:
@@ -91,7 +91,7 @@ class Answered(Entry, frozen=True, array_like=True, tag="answered"):
     error: str | None = None
 
 
-class TaskEnded(Entry, frozen=True, array_like=True, tag="task ended"):
+class TaskEnded(JournalEntry, frozen=True, array_like=True, tag="task ended"):
     """A background task of the service ended. Its value is not kept: a replay computes it again.
 
     Attributes:
@@ -103,21 +103,21 @@ class TaskEnded(Entry, frozen=True, array_like=True, tag="task ended"):
     error: str | None = None
 
 
-class LinkBytes(Entry, frozen=True, array_like=True, tag="link bytes"):
+class LinkBytes(JournalEntry, frozen=True, array_like=True, tag="link bytes"):
     """Bytes from a link (in JSON: base64)."""
 
     link: str
     data: bytes
 
 
-class LinkState(Entry, frozen=True, array_like=True, tag="link state"):
+class LinkState(JournalEntry, frozen=True, array_like=True, tag="link state"):
     """A link was connected or lost."""
 
     link: str
     up: bool
 
 
-class Departed(Entry, frozen=True, array_like=True, tag="departed"):
+class Departed(JournalEntry, frozen=True, array_like=True, tag="departed"):
     """A client or a service vanished.
 
     Attributes:
@@ -130,7 +130,7 @@ class Departed(Entry, frozen=True, array_like=True, tag="departed"):
 # -- outputs -----------------------------------------------------------------------------------------------
 
 
-class Published(Entry, frozen=True, array_like=True, tag="published"):
+class Published(JournalEntry, frozen=True, array_like=True, tag="published"):
     """A message of the service on one of its topics; see `Received`."""
 
     topic: str
@@ -138,7 +138,7 @@ class Published(Entry, frozen=True, array_like=True, tag="published"):
     crc32: int | None = None
 
 
-class Replied(Entry, frozen=True, array_like=True, tag="replied"):
+class Replied(JournalEntry, frozen=True, array_like=True, tag="replied"):
     """A reply of the service.
 
     Attributes:
@@ -154,7 +154,7 @@ class Replied(Entry, frozen=True, array_like=True, tag="replied"):
     crc32: int | None = None
 
 
-class Called(Entry, frozen=True, array_like=True, tag="called"):
+class Called(JournalEntry, frozen=True, array_like=True, tag="called"):
     """A request of the service to another one."""
 
     endpoint: str
@@ -162,14 +162,14 @@ class Called(Entry, frozen=True, array_like=True, tag="called"):
     request: Raw
 
 
-class Sent(Entry, frozen=True, array_like=True, tag="sent"):
+class Sent(JournalEntry, frozen=True, array_like=True, tag="sent"):
     """Bytes for a link (in JSON: base64)."""
 
     link: str
     data: bytes
 
 
-class Changed(Entry, frozen=True, array_like=True, tag="changed"):
+class Changed(JournalEntry, frozen=True, array_like=True, tag="changed"):
     """A change of the service's subscriptions, rate or background tasks: which one, and its new value."""
 
     what: str

@@ -18,7 +18,7 @@ from jezero.schemas.goals import AreaCoverageGoal, CoverageResult, TakeoffGoal
 from jezero.schemas.images import GetImage
 from jezero.schemas.state import Odometry, Status, Truth
 from jezero.services.simulator.camera.config import CameraConfig
-from jezero.services.simulator.camera.service import Camera
+from jezero.services.simulator.camera.service import CameraSimulator
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.trials.stack import boot_id, service_makers, wired_bus
 
@@ -48,7 +48,7 @@ class Covering:
         makers = service_makers(seed, simulator=simulator, camera=camera)
         if not rendered:
             vehicle = load_config(VehicleConfig, "vehicle")
-            makers["camera"] = lambda boot: Camera(camera, vehicle, Black(vehicle.camera), seed)
+            makers["camera"] = lambda boot: CameraSimulator(camera, vehicle, Black(vehicle.camera), seed)
         self.bus = wired_bus(seed)
         for name, make in makers.items():
             if name not in NOT_NEEDED:

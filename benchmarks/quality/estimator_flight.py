@@ -38,7 +38,7 @@ from jezero.schemas.units import GRAVITY_MPS2, NS_PER_S
 from jezero.services.simulator.body import BodyState, RoverState
 from jezero.services.simulator.config import SimulatorConfig, UwbConfig
 from jezero.services.simulator.noise import Wander, generator, normals_of
-from jezero.services.simulator.sensors import Altimeter, RoverOdometry, Uwb
+from jezero.services.simulator.sensors import AltimeterModel, RoverOdometryModel, UwbModel
 
 TICK_NS = 4_000_000
 HEIGHT_STAND_M = VehicleConfig().airframe.height_stand_m
@@ -214,15 +214,15 @@ class EstimatorFlight:
         shipped, vehicle = SimulatorConfig(), VehicleConfig()
         c = self.conditions
         settings = UwbConfig(std_m=c.uwb_std_m, share_blocked=c.uwb_blocked)
-        uwb = Uwb(settings, vehicle.uwb, self._seed)
+        uwb = UwbModel(settings, vehicle.uwb, self._seed)
         for t_ns in self._times(settings.rate_hz, 12_000_000):
             body, state = self._body(t_ns)
             yield t_ns + int(settings.delay_s * NS_PER_S), topics.UWB, uwb.measure(t_ns, body, state.rover)
-        altimeter = Altimeter(shipped.altimeter, vehicle.altimeter, self._seed)
+        altimeter = AltimeterModel(shipped.altimeter, vehicle.altimeter, self._seed)
         for t_ns in self._times(shipped.altimeter.rate_hz, TICK_NS):
             reading = altimeter.measure(t_ns, self._beam_m(t_ns, vehicle.altimeter.pos_altimeter_frd_m))
             yield t_ns + int(shipped.altimeter.delay_s * NS_PER_S), topics.ALTIMETER, reading
-        odometry = RoverOdometry(shipped.rover_odometry, self._seed)
+        odometry = RoverOdometryModel(shipped.rover_odometry, self._seed)
         for t_ns in self._times(shipped.rover_odometry.rate_hz, 16_000_000):
             message = odometry.measure(t_ns, self._rover(t_ns / NS_PER_S))
             yield t_ns + int(shipped.rover_odometry.delay_s * NS_PER_S), topics.ROVER_ODOMETRY, message

@@ -37,8 +37,8 @@ from jezero.schemas.goals import Frame, GetImagesGoal, TakeoffGoal
 from jezero.schemas.images import Image
 from jezero.schemas.state import Odometry, Scene, Status, Truth
 from jezero.services.simulator.camera.config import CameraConfig
-from jezero.services.simulator.camera.service import Camera
-from jezero.services.simulator.camera.view import View
+from jezero.services.simulator.camera.service import CameraSimulator
+from jezero.services.simulator.camera.view import CameraView
 from jezero.services.simulator.config import SimulatorConfig, WindConfig
 from jezero.trials.stack import RoverDriver, boot_id, service_makers, wired_bus
 
@@ -63,7 +63,7 @@ class Black:
     def __init__(self, camera: CameraMountConfig) -> None:
         self._pixels = bytes(3 * camera.width_px * camera.height_px)
 
-    def picture(self, scene: Scene, views: tuple[View, View, View]) -> bytes:
+    def picture(self, scene: Scene, views: tuple[CameraView, CameraView, CameraView]) -> bytes:
         """See `Renderer`."""
         return self._pixels
 
@@ -82,7 +82,7 @@ class Orbiting:
         simulator = msgspec.structs.replace(load_config(SimulatorConfig, "simulator"), wind=wind)
         config, vehicle = load_config(CameraConfig, "camera"), load_config(VehicleConfig, "vehicle")
         makers: dict[str, Callable[[int], Service]] = service_makers(seed, simulator=simulator)
-        makers["camera"] = lambda boot: Camera(config, vehicle, Black(vehicle.camera), seed)
+        makers["camera"] = lambda boot: CameraSimulator(config, vehicle, Black(vehicle.camera), seed)
         self.bus: MemoryBus = wired_bus(seed)
         for name, make in makers.items():
             if name not in NO_TAGS:

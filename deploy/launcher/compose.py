@@ -39,7 +39,7 @@ class ComposeError(ValueError):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Service:
+class ComposeService:
     """One service, run as a process.
 
     Attributes:
@@ -69,7 +69,7 @@ class Service:
     only_with_profile: bool = False
 
 
-def parse(text: str, variables: Mapping[str, str]) -> dict[str, Service]:
+def parse(text: str, variables: Mapping[str, str]) -> dict[str, ComposeService]:
     """Parse a compose file; returns the services by name, in the file's order.
 
     Args:
@@ -102,10 +102,10 @@ def parse(text: str, variables: Mapping[str, str]) -> dict[str, Service]:
     return services
 
 
-def _without_missing(services: Mapping[str, Service]) -> dict[str, Service]:
+def _without_missing(services: Mapping[str, ComposeService]) -> dict[str, ComposeService]:
     """The services without the optional dependencies that are not among them."""
 
-    def is_there(dependency: str, service: Service) -> bool:
+    def is_there(dependency: str, service: ComposeService) -> bool:
         return dependency in services or dependency not in service.optional
 
     return {
@@ -114,7 +114,7 @@ def _without_missing(services: Mapping[str, Service]) -> dict[str, Service]:
     }
 
 
-def with_actions(services: Mapping[str, Service], names: Iterable[str]) -> dict[str, Service]:
+def with_actions(services: Mapping[str, ComposeService], names: Iterable[str]) -> dict[str, ComposeService]:
     """The services, and for each name the server of an action that an installed package adds.
 
     A new server is like the first action server of the file; a file without one gets none.
@@ -124,11 +124,11 @@ def with_actions(services: Mapping[str, Service], names: Iterable[str]) -> dict[
     return {**services, **added}
 
 
-def _like(pattern: Service, name: str) -> Service:
+def _like(pattern: ComposeService, name: str) -> ComposeService:
     return replace(pattern, name=name, command=(*pattern.command[:-1], name))
 
 
-def at_bus(services: Mapping[str, Service], bus: str, run_folder: str, router: str) -> dict[str, Service]:
+def at_bus(services: Mapping[str, ComposeService], bus: str, run_folder: str, router: str) -> dict[str, ComposeService]:
     """The services with the variables that depend on this run: the bus at which they meet, and the run folder.
 
     Args:
@@ -154,7 +154,7 @@ def shipped_compose_file() -> Path:
     return Path(__file__).resolve().parents[1] / "compose.yaml"
 
 
-def select(services: Mapping[str, Service], profiles: Iterable[str] = ()) -> dict[str, Service]:
+def select(services: Mapping[str, ComposeService], profiles: Iterable[str] = ()) -> dict[str, ComposeService]:
     """Services of the given profiles and those without a profile.
 
     If no profile is given: all services but those that run only with a profile.
@@ -181,7 +181,7 @@ def select(services: Mapping[str, Service], profiles: Iterable[str] = ()) -> dic
     return chosen
 
 
-def in_levels(services: Mapping[str, Service]) -> list[list[str]]:
+def in_levels(services: Mapping[str, ComposeService]) -> list[list[str]]:
     """Names of the services in levels, each of which depends on earlier levels only.
 
     Raises:
@@ -199,7 +199,7 @@ def in_levels(services: Mapping[str, Service]) -> list[list[str]]:
     return levels
 
 
-def _circle(services: Mapping[str, Service]) -> list[str]:
+def _circle(services: Mapping[str, ComposeService]) -> list[str]:
     """Path along dependencies from a service back to itself; each given service depends on another given one."""
     walk = [next(iter(services))]
     while True:
@@ -209,7 +209,7 @@ def _circle(services: Mapping[str, Service]) -> list[str]:
         walk.append(following)
 
 
-def _check_dependencies(service: Service, services: Mapping[str, Service]) -> None:
+def _check_dependencies(service: ComposeService, services: Mapping[str, ComposeService]) -> None:
     for dependency, condition in service.depends_on.items():
         where = f"services.{service.name}.depends_on.{dependency}"
         if dependency not in services:
@@ -249,7 +249,7 @@ def _variable(where: str, match: re.Match[str], variables: Mapping[str, str]) ->
     return ""
 
 
-def _service(name: str, fields: Any) -> Service:
+def _service(name: str, fields: Any) -> ComposeService:
     where = f"services.{name}"
     if not _NAME.fullmatch(name):
         raise ComposeError(f"{where}: a name consists of letters, digits, '.', '_' and '-'")
@@ -260,7 +260,7 @@ def _service(name: str, fields: Any) -> Service:
             raise ComposeError(f"{where}.{key}: not supported; there are {', '.join(sorted(_SERVICE_KEYS))}")
     restart, max_retries = _restart(f"{where}.restart", fields.get("restart", "no"))
     depends_on, optional = _depends_on(f"{where}.depends_on", fields.get("depends_on", {}))
-    return Service(
+    return ComposeService(
         name=name,
         command=_command(f"{where}.command", fields.get("command")),
         environment=_environment(f"{where}.environment", fields.get("environment", {})),

@@ -14,7 +14,7 @@ from typing import TextIO
 from msgspec.structs import replace
 
 from jezero.base.router_address import shown_router
-from jezero.deploy.launcher.compose import Service, in_levels
+from jezero.deploy.launcher.compose import ComposeService, in_levels
 from jezero.deploy.launcher.freezes import SAMPLE_PERIOD_S, FreezeDetector, sample_process
 from jezero.deploy.launcher.gate_watch import GateWatch
 from jezero.deploy.launcher.health import HealthWatcher
@@ -50,7 +50,7 @@ class _Slot:
         note: what became of the process before the present one, for people; "" after `NOTED_FOR_S`.
     """
 
-    service: Service
+    service: ComposeService
     policy: RestartPolicy
     state: ServiceState = "waiting"
     text: str = ""
@@ -81,7 +81,7 @@ class Launcher:
 
     def __init__(
         self,
-        services: Mapping[str, Service],
+        services: Mapping[str, ComposeService],
         folder: RunFolder,
         instance: Instance,
         bus: str,

@@ -9,7 +9,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import IO
 
-from jezero.deploy.launcher.compose import Service
+from jezero.deploy.launcher.compose import ComposeService
 from jezero.runtime.linux_processes import die_with
 
 BACK_OFF_MIN_S = 0.2
@@ -53,7 +53,7 @@ class Child:
         return code
 
 
-def spawn(service: Service) -> Child:
+def spawn(service: ComposeService) -> Child:
     """Start a service's command; `python` is replaced by the launcher's own interpreter.
 
     Raises:
@@ -89,7 +89,7 @@ class RestartPolicy:
         gave_up: why it will not be restarted although it failed, or "".
     """
 
-    service: Service
+    service: ComposeService
     restarts: int = 0
     gave_up: str = ""
     _exits_s: deque[float] = field(default_factory=deque)

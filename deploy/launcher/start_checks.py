@@ -14,7 +14,7 @@ from msgspec.structs import replace
 from jezero.base.config import config_directory
 from jezero.base.router_address import shown_router
 from jezero.deploy.launcher.claims import Claims
-from jezero.deploy.launcher.compose import Service
+from jezero.deploy.launcher.compose import ComposeService
 from jezero.deploy.launcher.health import HealthWatcher, router_is_up
 from jezero.deploy.launcher.ports import ports_of
 from jezero.deploy.launcher.state import AlreadyUpError, RunFolder, StartError
@@ -38,7 +38,7 @@ HEALTH_TIMEOUT_S = 1.2
 
 
 def find_bus(
-    services: Mapping[str, Service], instance: Instance, folder: RunFolder, claims: Claims
+    services: Mapping[str, ComposeService], instance: Instance, folder: RunFolder, claims: Claims
 ) -> tuple[str, bool]:
     """Find the router that the services join, or claim the right to start it.
 
@@ -95,7 +95,7 @@ def _check_router(instance: Instance) -> None:
 
 
 def check_start(
-    services: Mapping[str, Service], instance: Instance, bus: str, claims: Claims, *, router_runs: bool
+    services: Mapping[str, ComposeService], instance: Instance, bus: str, claims: Claims, *, router_runs: bool
 ) -> None:
     """Check everything that the services need from this machine.
 

@@ -5,7 +5,7 @@ import time
 from contextlib import suppress
 
 from jezero.client.errors import TimedOut
-from jezero.client.session import Arrivals
+from jezero.client.session import ReplyArrivals
 
 
 class AsyncArrivals:
@@ -18,7 +18,7 @@ class AsyncArrivals:
         RuntimeError: no event loop runs.
     """
 
-    def __init__(self, arrivals: Arrivals) -> None:
+    def __init__(self, arrivals: ReplyArrivals) -> None:
         self._arrivals = arrivals
         self._loop = asyncio.get_running_loop()
         self._arrived = asyncio.Event()

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
 
-class Entry(NamedTuple):
+class Listed(NamedTuple):
     """Place of a command, and its line in the help."""
 
     module: str
@@ -23,63 +23,63 @@ class Entry(NamedTuple):
     summary: str
 
 
-SECTIONS: dict[str, dict[str, Entry]] = {
+SECTIONS: dict[str, dict[str, Listed]] = {
     "Stack": {
-        "up": Entry("jezero.cli.stack", "up", "Start the services (Ctrl+C stops them; -d in the background)."),
-        "down": Entry("jezero.cli.stack", "down", "Stop the services."),
-        "ps": Entry("jezero.cli.stack", "ps", "Show the state and health of the services."),
-        "logs": Entry("jezero.cli.stack", "logs", "Show the output of the services."),
-        "info": Entry("jezero.cli.info", "info", "Show the declared services and topics."),
-        "keys": Entry("jezero.cli.keys", "keys", "Make the certificates of a team's computers and people."),
+        "up": Listed("jezero.cli.stack", "up", "Start the services (Ctrl+C stops them; -d in the background)."),
+        "down": Listed("jezero.cli.stack", "down", "Stop the services."),
+        "ps": Listed("jezero.cli.stack", "ps", "Show the state and health of the services."),
+        "logs": Listed("jezero.cli.stack", "logs", "Show the output of the services."),
+        "info": Listed("jezero.cli.info", "info", "Show the declared services and topics."),
+        "keys": Listed("jezero.cli.keys", "keys", "Make the certificates of a team's computers and people."),
     },
     "Flight": {
-        "preflight": Entry("jezero.cli.flight", "preflight", "Check what a pilot checks before a takeoff."),
-        "takeoff": Entry("jezero.cli.flight", "takeoff", "Take off."),
-        "target": Entry("jezero.cli.flight", "target", "Fly to a point."),
-        "land_on_spot": Entry("jezero.cli.flight", "land_on_spot", "Land."),
-        "return": Entry("jezero.cli.flight", "return_home", "Fly home and land, on the rover if it is known."),
-        "hover": Entry("jezero.cli.flight", "hover", "Hover here, or at a point."),
-        "pause": Entry("jezero.cli.flight", "pause", "Pause the goal in charge: hover until it is resumed."),
-        "resume": Entry("jezero.cli.flight", "resume", "Go on with the paused goal in charge."),
-        "modify": Entry("jezero.cli.flight", "modify", "Change fields of the goal in charge, such as its speed."),
-        "abort": Entry("jezero.cli.flight", "abort", "End the goal in charge and hover."),
-        "kill": Entry("jezero.cli.flight", "kill", "Stop the motors at once, also in the air."),
-        "action": Entry("jezero.cli.flight", "action", "List all actions, or send a goal to any of them."),
-        "status": Entry("jezero.cli.flight", "status", "Show what the vehicle does, and where it is."),
-        "rover": Entry("jezero.cli.flight", "rover", "Drive the rover."),
-        "ground": Entry("jezero.cli.ground", "ground", "Serve the ground station's pages alone (--connect)."),
-        "camera": Entry("jezero.cli.flight", "camera", "Save images of the camera, or of the ground from above."),
+        "preflight": Listed("jezero.cli.flight", "preflight", "Check what a pilot checks before a takeoff."),
+        "takeoff": Listed("jezero.cli.flight", "takeoff", "Take off."),
+        "target": Listed("jezero.cli.flight", "target", "Fly to a point."),
+        "land_on_spot": Listed("jezero.cli.flight", "land_on_spot", "Land."),
+        "return": Listed("jezero.cli.flight", "return_home", "Fly home and land, on the rover if it is known."),
+        "hover": Listed("jezero.cli.flight", "hover", "Hover here, or at a point."),
+        "pause": Listed("jezero.cli.flight", "pause", "Pause the goal in charge: hover until it is resumed."),
+        "resume": Listed("jezero.cli.flight", "resume", "Go on with the paused goal in charge."),
+        "modify": Listed("jezero.cli.flight", "modify", "Change fields of the goal in charge, such as its speed."),
+        "abort": Listed("jezero.cli.flight", "abort", "End the goal in charge and hover."),
+        "kill": Listed("jezero.cli.flight", "kill", "Stop the motors at once, also in the air."),
+        "action": Listed("jezero.cli.flight", "action", "List all actions, or send a goal to any of them."),
+        "status": Listed("jezero.cli.flight", "status", "Show what the vehicle does, and where it is."),
+        "rover": Listed("jezero.cli.flight", "rover", "Drive the rover."),
+        "ground": Listed("jezero.cli.ground", "ground", "Serve the ground station's pages alone (--connect)."),
+        "camera": Listed("jezero.cli.flight", "camera", "Save images of the camera, or of the ground from above."),
     },
     "Missions": {
-        "fence": Entry("jezero.cli.missions", "fence", "Set the places to stay in and out of."),
-        "mission": Entry("jezero.cli.missions", "mission", "Check a mission file, fly it, and command it in flight."),
+        "fence": Listed("jezero.cli.missions", "fence", "Set the places to stay in and out of."),
+        "mission": Listed("jezero.cli.missions", "mission", "Check a mission file, fly it, and command it in flight."),
     },
     "Survey": {
-        "getimages": Entry("jezero.cli.survey", "getimages", "Take images of a target from all sides."),
-        "gridsweep": Entry(
+        "getimages": Listed("jezero.cli.survey", "getimages", "Take images of a target from all sides."),
+        "gridsweep": Listed(
             "jezero.cli.survey", "gridsweep", "Take images of an area in lines (--plan-only: draw the plan)."
         ),
-        "map": Entry("jezero.cli.survey", "map_", "Make a map from the images of gridsweep."),
+        "map": Listed("jezero.cli.survey", "map_", "Make a map from the images of gridsweep."),
     },
     "Records": {
-        "watch": Entry("jezero.cli.records", "watch", "Serve the messages to a viewer, live (--foxglove)."),
-        "recording": Entry("jezero.cli.records", "recording", "Look into recordings, cut, repair and export them."),
-        "replay": Entry("jezero.cli.replay", "replay", "Replay a recording (--through: through one of its services)."),
-        "tune": Entry("jezero.cli.tune", "tune", "Find the noise settings of the estimator that fit recorded flights."),
-        "report": Entry("jezero.cli.records", "report", "Draw the figures of recorded flights."),
+        "watch": Listed("jezero.cli.records", "watch", "Serve the messages to a viewer, live (--foxglove)."),
+        "recording": Listed("jezero.cli.records", "recording", "Look into recordings, cut, repair and export them."),
+        "replay": Listed("jezero.cli.replay", "replay", "Replay a recording (--through: through one of its services)."),
+        "tune": Listed("jezero.cli.tune", "tune", "Find the estimator's noise settings that fit recorded flights."),
+        "report": Listed("jezero.cli.records", "report", "Draw the figures of recorded flights."),
     },
     "Demonstration": {
-        "fly": Entry(
+        "fly": Listed(
             "jezero.cli.demonstration", "fly", "Fly to two points and land on the rover (--fast: in virtual time)."
         ),
-        "demo": Entry("jezero.cli.demonstration", "demo", "Fly the thesis' mission: images, a map, a landing."),
+        "demo": Listed("jezero.cli.demonstration", "demo", "Fly the thesis' mission: images, a map, a landing."),
     },
     "Development": {
-        "new": Entry("jezero.cli.new", "new", "Write the package of a new action."),
+        "new": Listed("jezero.cli.new", "new", "Write the package of a new action."),
     },
     "Tests": {
-        "campaign": Entry("jezero.cli.trials", "campaign", "Fly missions with seeded faults in virtual time."),
-        "bench": Entry("jezero.cli.trials", "bench", "Land many times in virtual time and measure the accuracy."),
+        "campaign": Listed("jezero.cli.trials", "campaign", "Fly missions with seeded faults in virtual time."),
+        "bench": Listed("jezero.cli.trials", "bench", "Land many times in virtual time and measure the accuracy."),
     },
 }
 COMMANDS = {name: entry for section in SECTIONS.values() for name, entry in section.items()}

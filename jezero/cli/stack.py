@@ -24,7 +24,7 @@ from jezero.keys.bundle import INSECURE_VARIABLE
 from jezero.keys.bundle import VARIABLE as KEYS_VARIABLE
 
 if TYPE_CHECKING:
-    from jezero.deploy.launcher.compose import Service
+    from jezero.deploy.launcher.compose import ComposeService
     from jezero.deploy.launcher.state import RunFolder, RunState
     from jezero.runtime.instance import HostLinks, Instance
 
@@ -142,7 +142,7 @@ def _set_environment(context: click.Context, listen: tuple[str, ...], connect: t
             os.environ[variable] = " ".join(map(shown_router, endpoints))
 
 
-def _read_services(path: Path, profiles: tuple[str, ...], *, linked: bool) -> "dict[str, Service]":
+def _read_services(path: Path, profiles: tuple[str, ...], *, linked: bool) -> "dict[str, ComposeService]":
     from jezero.base.plugins import plugin_names
     from jezero.deploy.launcher.compose import ComposeError, parse, select, with_actions
 
@@ -189,7 +189,7 @@ def _sentences(folder: "RunFolder") -> Iterator[None]:
 
 
 def _launch(
-    services: "dict[str, Service]",
+    services: "dict[str, ComposeService]",
     folder: "RunFolder",
     instance: "Instance",
     links: "HostLinks",

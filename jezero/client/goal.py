@@ -7,7 +7,7 @@ from typing import Any, Generic, TypeVar, cast
 from jezero.base.codec import encode
 from jezero.base.zenoh_client import FIRST
 from jezero.client.errors import Aborted, Canceled, JezeroError, Refused, TimedOut, Unreachable
-from jezero.client.session import Arrivals, Connection, decode, decoder
+from jezero.client.session import Connection, ReplyArrivals, decode, decoder
 from jezero.client.status import watch_status
 from jezero.schemas.actions import (
     Accepted,
@@ -310,7 +310,7 @@ def modify_goal(connection: Connection, action: Action[Any], goal_id: str, field
 
 def request_result(connection: Connection, goal_id: str) -> ResultReply | None:
     """State or result of a goal from the action servers; None if none of them knows it."""
-    arrivals: Arrivals = connection.stream(RESULT.name, encode(GetResult(goal_id=goal_id)), 0.5)
+    arrivals: ReplyArrivals = connection.stream(RESULT.name, encode(GetResult(goal_id=goal_id)), 0.5)
     try:
         data = connection.first_or_none(arrivals, RESULT.name, 0.5)
     except TimedOut:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from jezero.client.errors import JezeroError, TimedOut, Unreachable
-from jezero.client.session import Arrivals, Connection, decode
+from jezero.client.session import Connection, ReplyArrivals, decode
 from jezero.schemas.commands import RoverCommand
 from jezero.schemas.sensors import RoverOdometry
 from jezero.schemas.state import Clock
@@ -243,7 +243,7 @@ class _Clock(Iterator[int]):
         self._connection = connection
 
     def __enter__(self) -> "_Clock":
-        self._arrivals: Arrivals
+        self._arrivals: ReplyArrivals
         self._arrivals, self._undeclare = self._connection.subscribe(CLOCK)
         return self
 
@@ -262,7 +262,7 @@ class _Clock(Iterator[int]):
         return clock.t_ns
 
 
-def _newest_odometry(arrivals: Arrivals) -> RoverOdometry | None:
+def _newest_odometry(arrivals: ReplyArrivals) -> RoverOdometry | None:
     """The rover's odometry that has arrived since the last call, or None."""
     try:
         data = arrivals.take(time.monotonic())

@@ -37,7 +37,7 @@ VEHICLE_TIME_AGE_MAX_S = 1.0
 """Vehicle time older than this is not used as the time at which a goal was issued."""
 
 
-class Arrivals:
+class ReplyArrivals:
     """Queue of messages from Zenoh's threads to the caller's.
 
     Args:
@@ -178,7 +178,7 @@ class Connection:
 
     def stream(
         self, name: str, payload: bytes, timeout_s: float, priority: zenoh.Priority = zenoh.Priority.DATA
-    ) -> Arrivals:
+    ) -> ReplyArrivals:
         """Send a query; its replies arrive in the returned queue.
 
         Args:
@@ -187,7 +187,7 @@ class Connection:
         Raises:
             Unreachable: the session is closed.
         """
-        arrivals = Arrivals()
+        arrivals = ReplyArrivals()
         try:
             self._session.get(
                 key(self.vehicle, name),
@@ -216,14 +216,14 @@ class Connection:
         data = self.first(self.stream(endpoint.name, encode(payload), timeout_s, priority), endpoint.name, timeout_s)
         return decode(endpoint.reply_type, data)
 
-    def first(self, arrivals: Arrivals, name: str, timeout_s: float) -> bytes:
+    def first(self, arrivals: ReplyArrivals, name: str, timeout_s: float) -> bytes:
         """The first reply; raises the errors of `request`."""
         data = self.first_or_none(arrivals, name, timeout_s)
         if data is None:
             self._raise_unreachable(name)
         return data
 
-    def first_or_none(self, arrivals: Arrivals, name: str, timeout_s: float) -> bytes | None:
+    def first_or_none(self, arrivals: ReplyArrivals, name: str, timeout_s: float) -> bytes | None:
         """The first reply, or None if the query ended without one.
 
         Raises:
@@ -238,7 +238,7 @@ class Connection:
             raise TimedOut(f"{name} of {self.vehicle} did not reply within {timeout_s:g} s")
         return data
 
-    def subscribe(self, topic: Topic[Any], limit: int = ARRIVALS_MAX) -> tuple[Arrivals, Callable[[], None]]:
+    def subscribe(self, topic: Topic[Any], limit: int = ARRIVALS_MAX) -> tuple[ReplyArrivals, Callable[[], None]]:
         """Subscribe to a topic.
 
         Args:
@@ -250,7 +250,7 @@ class Connection:
         Raises:
             Unreachable: the session is closed.
         """
-        arrivals = Arrivals(limit)
+        arrivals = ReplyArrivals(limit)
         return arrivals, self._declare(topic, arrivals.on_sample, arrivals.on_end)
 
     def subscribe_with(self, topic: Topic[Any], on_data: Callable[[bytes], None], on_end: Callable[[], None]) -> None:

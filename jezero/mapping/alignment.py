@@ -12,7 +12,7 @@ import scipy.sparse.linalg
 from numpy.typing import NDArray
 
 from jezero.base.arrays import Array
-from jezero.mapping.ground import Ground
+from jezero.mapping.ground import MapGround
 from jezero.mapping.matching import Matches, group_images
 from jezero.mapping.survey import Survey
 
@@ -40,7 +40,7 @@ UNKNOWNS = 6
 
 
 @dataclass(frozen=True)
-class Alignment:
+class MapAlignment:
     """Result of the alignment.
 
     Attributes:
@@ -58,11 +58,11 @@ class Alignment:
     after_m: float
 
 
-def align(survey: Survey, ground: Ground, matches: list[Matches]) -> Alignment:
+def align(survey: Survey, ground: MapGround, matches: list[Matches]) -> MapAlignment:
     """Correct the poses by iterated least squares with robust (Huber) weights."""
     groups = tuple(sorted(np.bincount(group_images(len(survey), matches)).tolist(), reverse=True))
     if not matches:
-        return Alignment(survey, 0, groups, float("nan"), float("nan"))
+        return MapAlignment(survey, 0, groups, float("nan"), float("nan"))
     ends = _Ends(survey, matches)
     before_m = _median_m(ends.apart(survey, ground)[0])
     moved = np.zeros(UNKNOWNS * len(survey) + 3)
@@ -81,7 +81,7 @@ def align(survey: Survey, ground: Ground, matches: list[Matches]) -> Alignment:
         present = _moved(survey, moved)
         if np.abs(step).max() < STEP_MIN:
             break
-    return Alignment(present, len(matches), groups, before_m, _median_m(ends.apart(present, ground)[0]))
+    return MapAlignment(present, len(matches), groups, before_m, _median_m(ends.apart(present, ground)[0]))
 
 
 def std_way_m(since_s: float) -> float:
@@ -122,7 +122,7 @@ class _Ends:
         ]
         self._unknowns = UNKNOWNS * len(survey) + 3
 
-    def apart(self, survey: Survey, ground: Ground) -> tuple[Array, scipy.sparse.csr_matrix]:
+    def apart(self, survey: Survey, ground: MapGround) -> tuple[Array, scipy.sparse.csr_matrix]:
         """(k, 2) offset of the first point from the second on the ground, and its (2k, unknowns) Jacobian."""
         (first_m, first_slopes), (second_m, second_slopes) = (self._on_ground(survey, ground, end) for end in (0, 1))
         slopes = (first_slopes - second_slopes).tocsr()
@@ -130,7 +130,7 @@ class _Ends:
         slopes.data = np.nan_to_num(slopes.data)
         return np.nan_to_num(first_m - second_m), slopes
 
-    def _on_ground(self, survey: Survey, ground: Ground, end: int) -> tuple[Array, scipy.sparse.csr_matrix]:
+    def _on_ground(self, survey: Survey, ground: MapGround, end: int) -> tuple[Array, scipy.sparse.csr_matrix]:
         """Points at which the rays of one end meet the ground, and their Jacobian.
 
         With u = d_north/d_down, v = d_east/d_down and the height h, a point is at (N + hu, E + hv).

@@ -9,7 +9,7 @@ import numpy as np
 
 from jezero.mapping.matching import Matches
 from jezero.mapping.projection import Field
-from jezero.mapping.seams import View, common_part
+from jezero.mapping.seams import SeamView, common_part
 
 STD_RATIO = 0.02
 STD_GAIN = 0.3
@@ -19,7 +19,7 @@ DARK = 4.0
 """Darker colours, such as shadows at the black end of the camera's range, say nothing about the exposure."""
 
 
-def find_gains(views: Mapping[int, View], matches: Sequence[Matches]) -> dict[int, Field]:
+def find_gains(views: Mapping[int, SeamView], matches: Sequence[Matches]) -> dict[int, Field]:
     """Find the (3,) gains of red, green and blue by which each image is to be multiplied.
 
     Args:
@@ -44,7 +44,7 @@ def find_gains(views: Mapping[int, View], matches: Sequence[Matches]) -> dict[in
     return {number: gains[i] for number, i in index.items()}
 
 
-def _log_ratio(first: View, second: View) -> Field | None:
+def _log_ratio(first: SeamView, second: SeamView) -> Field | None:
     """Median logarithm of the first image's colours over the second's, where both show the ground."""
     common = common_part(first.place, second.place)
     if common is None:

@@ -20,7 +20,7 @@ SLOPE_SPREAD_M = 0.5
 
 
 @dataclass(frozen=True)
-class Ground:
+class MapGround:
     """Height of the ground as a function of the place.
 
     Attributes:
@@ -64,7 +64,7 @@ class Ground:
         return np.asarray(points_m)
 
 
-def fit_ground(spots_m: Array) -> Ground:
+def fit_ground(spots_m: Array) -> MapGround:
     """Fit the ground to (m, 3) spots at which the altimeter's beam met it.
 
     Outliers, such as spots on the rover's platform, are left out.
@@ -79,7 +79,7 @@ def fit_ground(spots_m: Array) -> Ground:
             break
         kept, rest_m = kept[good], rest_m[good]
     covariance = _kernel(kept[:, :2], kept[:, :2]) + STD_SPOT_M**2 * np.eye(len(kept))
-    return Ground(plane, middle_m, kept[:, :2], np.linalg.solve(covariance, rest_m))
+    return MapGround(plane, middle_m, kept[:, :2], np.linalg.solve(covariance, rest_m))
 
 
 def _plane(spots_m: Array) -> tuple[Array, Array]:

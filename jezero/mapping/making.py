@@ -7,7 +7,7 @@ import numpy as np
 
 from jezero.base.frames import Vec3
 from jezero.base.vehicle_config import VehicleConfig
-from jezero.mapping.alignment import Alignment, align
+from jezero.mapping.alignment import MapAlignment, align
 from jezero.mapping.files import save_map
 from jezero.mapping.ground import fit_ground
 from jezero.mapping.matching import find_matches
@@ -28,7 +28,7 @@ class Map:
     """
 
     mosaic: Mosaic
-    alignment: Alignment
+    alignment: MapAlignment
     pictures: int
     picture_m_per_px: float
     origin_deg: Vec3 | None

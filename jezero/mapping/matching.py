@@ -10,7 +10,7 @@ import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
 from jezero.base.arrays import Array
-from jezero.mapping.ground import Ground
+from jezero.mapping.ground import MapGround
 from jezero.mapping.survey import Survey
 
 FEATURES_MAX = 1200
@@ -65,7 +65,7 @@ class _Features:
         return np.asarray(np.sqrt(values / np.maximum(values.sum(axis=1, keepdims=True), 1e-9)), np.float32)
 
 
-def find_matches(survey: Survey, ground: Ground) -> list[Matches]:
+def find_matches(survey: Survey, ground: MapGround) -> list[Matches]:
     """Find the matches of all pairs of overlapping images.
 
     Images that these matches don't connect, e.g. those of two flights, are compared again with less trust in their
@@ -93,7 +93,7 @@ def _match_pairs(features: list[_Features], pairs: Iterable[tuple[int, int]], as
     return [matches for matches in matched if matches is not None]
 
 
-def _features(detector: cv2.SIFT, survey: Survey, ground: Ground, number: int) -> _Features:
+def _features(detector: cv2.SIFT, survey: Survey, ground: MapGround, number: int) -> _Features:
     keypoints, descriptors = detector.detectAndCompute(cv2.cvtColor(survey.pixels(number), cv2.COLOR_RGB2GRAY), None)
     if not keypoints:
         return _Features(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 128), np.uint8))
@@ -102,7 +102,7 @@ def _features(detector: cv2.SIFT, survey: Survey, ground: Ground, number: int) -
     return _Features(points_px, ground.met(survey.pos_m[number], rays)[:, :2], descriptors.astype(np.uint8))
 
 
-def _neighbours(survey: Survey, ground: Ground, may: NDArray[np.bool_]) -> set[tuple[int, int]]:
+def _neighbours(survey: Survey, ground: MapGround, may: NDArray[np.bool_]) -> set[tuple[int, int]]:
     """Pairs of each image with its nearest neighbours among those of which `may` (n, n) is true."""
     middles_m = np.array(
         [ground.met(survey.pos_m[i], survey.rotations[i, :, 2][None])[0, :2] for i in range(len(survey))]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jezero.mapping.exposure import find_gains
-from jezero.mapping.ground import Ground
+from jezero.mapping.ground import MapGround
 from jezero.mapping.matching import Matches
 from jezero.mapping.projection import CELL_PX, Field, Grid, fit_grid, project
 from jezero.mapping.seams import choose_images, view_of
@@ -37,7 +37,7 @@ class Mosaic:
     m_per_px: float
 
 
-def make_mosaic(survey: Survey, ground: Ground, matches: Sequence[Matches], m_per_px: float) -> Mosaic:
+def make_mosaic(survey: Survey, ground: MapGround, matches: Sequence[Matches], m_per_px: float) -> Mosaic:
     """Project the images on the ground and join them.
 
     Raises:
@@ -58,7 +58,7 @@ def make_mosaic(survey: Survey, ground: Ground, matches: Sequence[Matches], m_pe
 
 
 def _join(
-    survey: Survey, ground: Ground, grid: Grid, cells: dict[int, NDArray[np.bool_]], gains: dict[int, Field]
+    survey: Survey, ground: MapGround, grid: Grid, cells: dict[int, NDArray[np.bool_]], gains: dict[int, Field]
 ) -> tuple[Pixels, NDArray[np.bool_]]:
     """The map's pixels, and whether each shows an image: the images in their cells, with soft seams one cell wide."""
     shape = (grid.rows, grid.columns)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from jezero.base.arrays import Array
 from jezero.base.lens import distort
-from jezero.mapping.ground import Ground
+from jezero.mapping.ground import MapGround
 from jezero.mapping.survey import Survey, SurveyError
 
 Field = NDArray[np.float32]
@@ -57,7 +57,7 @@ class Patch:
     slant2: Field
 
 
-def fit_grid(survey: Survey, ground: Ground, m_per_px: float) -> Grid:
+def fit_grid(survey: Survey, ground: MapGround, m_per_px: float) -> Grid:
     """The grid that contains all images.
 
     Raises:
@@ -76,7 +76,7 @@ def fit_grid(survey: Survey, ground: Ground, m_per_px: float) -> Grid:
     return Grid(north_m, east_m, m_per_px, rows, columns)
 
 
-def project(survey: Survey, ground: Ground, number: int, grid: Grid) -> Patch | None:
+def project(survey: Survey, ground: MapGround, number: int, grid: Grid) -> Patch | None:
     """Project an image on the ground; None if a corner of it shows no ground."""
     corners = _footprint(survey, ground, number)
     if not np.isfinite(corners).all():
@@ -95,13 +95,13 @@ def _whole_cells(span_px: Array, count: int) -> slice:
     return slice(max(0, CELL_PX * first), min(count, CELL_PX * last))
 
 
-def _footprint(survey: Survey, ground: Ground, number: int) -> Array:
+def _footprint(survey: Survey, ground: MapGround, number: int) -> Array:
     """(4, 2) north and east of an image's corners on the ground."""
     rays = survey.rays_of_corners @ survey.rotations[number].T
     return ground.met(survey.pos_m[number], rays)[:, :2]
 
 
-def _lookup(survey: Survey, ground: Ground, number: int, place: Place, grid: Grid) -> tuple[Field, Field]:
+def _lookup(survey: Survey, ground: MapGround, number: int, place: Place, grid: Grid) -> tuple[Field, Field]:
     """Pixel coordinates in an image for each pixel of a part of the map."""
     rows, columns = (np.arange(part.start, part.stop + GRID_PX, GRID_PX) for part in place)
     north_m, east_m = grid.north_m - grid.m_per_px * rows, grid.east_m + grid.m_per_px * columns

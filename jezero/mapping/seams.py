@@ -46,7 +46,7 @@ NEIGHBOURS = ((0, 1), (1, 0))
 
 
 @dataclass
-class View:
+class SeamView:
     """An image's part of the map in cells.
 
     Attributes:
@@ -60,7 +60,7 @@ class View:
     costs: Field = field(repr=False)
 
 
-def view_of(patch: Patch) -> View:
+def view_of(patch: Patch) -> SeamView:
     """Reduce a patch to cells."""
     rows, columns = (part.stop // CELL_PX - part.start // CELL_PX for part in patch.place)
     place = tuple(slice(part.start // CELL_PX, part.stop // CELL_PX) for part in patch.place)
@@ -75,10 +75,10 @@ def view_of(patch: Patch) -> View:
     colours[~shown] = np.nan
     costs = SLANT_COST * reduced(patch.slant2) + EDGE_COST * (1.0 - share)
     costs[~shown] = np.inf
-    return View((place[0], place[1]), colours, costs)
+    return SeamView((place[0], place[1]), colours, costs)
 
 
-def choose_images(views: Sequence[View], shape: tuple[int, int]) -> Labels:
+def choose_images(views: Sequence[SeamView], shape: tuple[int, int]) -> Labels:
     """Choose the image of each cell.
 
     Args:
@@ -93,7 +93,7 @@ def choose_images(views: Sequence[View], shape: tuple[int, int]) -> Labels:
     return state.labels
 
 
-def _add_costs_of_moved(views: Sequence[View], shape: tuple[int, int]) -> Field:
+def _add_costs_of_moved(views: Sequence[SeamView], shape: tuple[int, int]) -> Field:
     """Add costs to cells that differ from what most images show; returns the cost of seams where most differ.
 
     Of two images that differ the lighter one is right: what moves is mostly the vehicle's shadow. Where images differ
@@ -157,7 +157,7 @@ class _State:
         labels: the choice.
     """
 
-    def __init__(self, views: Sequence[View], shape: tuple[int, int], seam_costs: Field) -> None:
+    def __init__(self, views: Sequence[SeamView], shape: tuple[int, int], seam_costs: Field) -> None:
         self._views = views
         self._seam_costs = seam_costs
         self.labels: Labels = np.full(shape, -1, np.int32)

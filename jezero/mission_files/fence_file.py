@@ -9,7 +9,7 @@ from jezero.base.config import ConfigError, config_directory
 from jezero.base.fence import fence_refusal, joined, zone_refusal
 from jezero.base.mistakes import mistake, unknown
 from jezero.mission_files.goals import line_of
-from jezero.mission_files.nodes import Node, UnreadableError, parse
+from jezero.mission_files.nodes import FileNode, UnreadableError, parse
 from jezero.mission_files.problems import MissionFileError, Problem, Problems, listed
 from jezero.schemas.fence import Fence, Zone
 
@@ -106,11 +106,11 @@ def _of_yaml(path: Path, text: str, problems: Problems) -> Fence | None:
     if root is None or not isinstance(root.value, dict):
         what = "is empty" if root is None else f"is {root.in_words}"
         raise MissionFileError(path, [Problem(1, f"{what}: a fence has {listed(PARTS)}")])
-    parts: dict[str, Node] = root.value
+    parts: dict[str, FileNode] = root.value
     for name, node in parts.items():
         if name not in PARTS:
             problems.add(node.line, unknown("part of a fence", name, PARTS))
-    degrees = parts.get("degrees", Node(1, False))
+    degrees = parts.get("degrees", FileNode(1, False))
     if not isinstance(degrees.value, bool):
         problems.add(degrees.line, "degrees is true or false")
     fields: dict[str, Any] = {name: parts[name].plain for name in PLAIN if name in parts}
@@ -124,7 +124,7 @@ def _of_yaml(path: Path, text: str, problems: Problems) -> Fence | None:
     return None if problems.found else _checked(fields, parts, root.line, problems)
 
 
-def _checked(fields: dict[str, Any], parts: dict[str, Node], line: int, problems: Problems) -> Fence | None:
+def _checked(fields: dict[str, Any], parts: dict[str, FileNode], line: int, problems: Problems) -> Fence | None:
     try:
         return msgspec.convert(msgspec.to_builtins(fields), Fence)
     except msgspec.ValidationError as error:
@@ -142,7 +142,7 @@ class _Zones:
         self._degrees = degrees
         self._problems = problems
 
-    def one(self, name: str, node: Node) -> Zone | None:
+    def one(self, name: str, node: FileNode) -> Zone | None:
         """One zone, or several of `NAME: corners` that touch as one."""
         if not isinstance(node.value, dict) or "file" in node.value:
             return self.zone(name, node)
@@ -157,7 +157,7 @@ class _Zones:
             return None
         return whole
 
-    def named(self, node: Node) -> list[Zone]:
+    def named(self, node: FileNode) -> list[Zone]:
         """All zones of `NAME: corners`."""
         if node.value is None:
             return []
@@ -167,7 +167,7 @@ class _Zones:
         zones = [self.zone(name, below) for name, below in node.value.items()]
         return [zone for zone in zones if zone is not None]
 
-    def zone(self, name: str, node: Node) -> Zone | None:
+    def zone(self, name: str, node: FileNode) -> Zone | None:
         """One zone."""
         fields = self._fields(name, node)
         if fields is None:
@@ -182,7 +182,7 @@ class _Zones:
             return None
         return zone
 
-    def _fields(self, name: str, node: Node) -> dict[str, Any] | None:
+    def _fields(self, name: str, node: FileNode) -> dict[str, Any] | None:
         if isinstance(node.value, str):
             return self._of_file(name, {"file": node.value}, node.line)
         if isinstance(node.value, dict) and isinstance(node.plain.get("file"), str):

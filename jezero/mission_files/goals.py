@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from jezero.base.mistakes import mistake, own_fields, unknown
-from jezero.mission_files.nodes import Node
+from jezero.mission_files.nodes import FileNode
 from jezero.mission_files.problems import Problems
 from jezero.schemas.rows import Action
 
@@ -58,7 +58,9 @@ class Places:
         return [*self.points, *self.areas]
 
 
-def goal_fields(action: Action[Any], fields: Mapping[str, Node], line: int, places: Places, problems: Problems) -> Any:
+def goal_fields(
+    action: Action[Any], fields: Mapping[str, FileNode], line: int, places: Places, problems: Problems
+) -> Any:
     """Fields of a goal, checked against the action's own goal type.
 
     Args:
@@ -85,7 +87,7 @@ def goal_fields(action: Action[Any], fields: Mapping[str, Node], line: int, plac
     return goal
 
 
-def height_m(name: str, node: Node, places: Places, problems: Problems) -> float:
+def height_m(name: str, node: FileNode, places: Places, problems: Problems) -> float:
     """Height above the world's origin of `{amsl_m: metres above sea level}`; 0 with a problem."""
     amsl_m = node.plain.get("amsl_m")
     if len(node.value) != 1 or not isinstance(amsl_m, int | float) or isinstance(amsl_m, bool):
@@ -107,7 +109,7 @@ def height_m(name: str, node: Node, places: Places, problems: Problems) -> float
     return 0.0
 
 
-def _place(field: str, node: Node, places: Places, problems: Problems) -> dict[str, Any]:
+def _place(field: str, node: FileNode, places: Places, problems: Problems) -> dict[str, Any]:
     """The field, and for an area those that belong to it, from the name of a place."""
     name = node.value
     if name in places.areas and field == "polygon_ned_m":
@@ -123,7 +125,7 @@ def _place(field: str, node: Node, places: Places, problems: Problems) -> dict[s
 
 
 def _check(
-    action: Action[Any], goal: dict[str, Any], fields: Mapping[str, Node], line: int, problems: Problems
+    action: Action[Any], goal: dict[str, Any], fields: Mapping[str, FileNode], line: int, problems: Problems
 ) -> None:
     try:
         msgspec.convert(goal, action.goal_type)
@@ -132,7 +134,7 @@ def _check(
         problems.add(line_of(text, fields, line), f"{action.name}: {text}")
 
 
-def line_of(mistake: str, fields: Mapping[str, Node], line: int) -> int:
+def line_of(mistake: str, fields: Mapping[str, FileNode], line: int) -> int:
     """The line of the field that a mistake is about, as it begins with the field's path; else `line`."""
     found = re.match(r"\w+", mistake)
     return fields[found[0]].line if found and found[0] in fields else line

@@ -15,7 +15,7 @@ KEYS_OF_ALIASES = "anchors and aliases (& and *) are not read: name points and a
 
 
 @dataclass(frozen=True)
-class Node:
+class FileNode:
     """A value of the file.
 
     Attributes:
@@ -81,7 +81,7 @@ class _Loader(yaml.SafeLoader):
             raise UnreadableError(self.line + 1, TOO_DEEP)
 
 
-def parse(text: str, problems: Problems) -> Node | None:
+def parse(text: str, problems: Problems) -> FileNode | None:
     """The value of a text; None for an empty one. Names that stand twice are noted.
 
     Raises:
@@ -104,12 +104,12 @@ def parse(text: str, problems: Problems) -> Node | None:
         loader.dispose()
 
 
-def _node(node: Any, loader: yaml.SafeLoader, problems: Problems) -> Node:
+def _node(node: Any, loader: yaml.SafeLoader, problems: Problems) -> FileNode:
     line = node.start_mark.line + 1
     if isinstance(node, yaml.SequenceNode):
-        return Node(line, [_node(part, loader, problems) for part in node.value])
+        return FileNode(line, [_node(part, loader, problems) for part in node.value])
     if isinstance(node, yaml.MappingNode):
-        return Node(line, _fields(node, loader, problems))
+        return FileNode(line, _fields(node, loader, problems))
     try:
         value = cast(Any, loader.construct_object(node))
     except (yaml.YAMLError, ValueError):
@@ -119,17 +119,17 @@ def _node(node: Any, loader: yaml.SafeLoader, problems: Problems) -> Node:
     if isinstance(value, float) and not isfinite(value):
         problems.add(line, f"{node.value} is no number here: write one, such as 2.5")
         value = 0.0
-    return Node(line, _number(value) if isinstance(value, str) and node.style is None else value)
+    return FileNode(line, _number(value) if isinstance(value, str) and node.style is None else value)
 
 
-def _fields(node: yaml.MappingNode, loader: yaml.SafeLoader, problems: Problems) -> dict[str, Node]:
-    fields: dict[str, Node] = {}
+def _fields(node: yaml.MappingNode, loader: yaml.SafeLoader, problems: Problems) -> dict[str, FileNode]:
+    fields: dict[str, FileNode] = {}
     for key, value in node.value:
         name = str(key.value)
         if name in fields:
             problems.add(key.start_mark.line + 1, f"{name!r} stands here twice: leave out one of them")
         below = _node(value, loader, problems)
-        fields[name] = Node(key.start_mark.line + 1, below.value)
+        fields[name] = FileNode(key.start_mark.line + 1, below.value)
     return fields
 
 

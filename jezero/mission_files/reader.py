@@ -11,7 +11,7 @@ import msgspec
 from jezero.base.mistakes import mistake, unknown
 from jezero.base.plugins import all_actions
 from jezero.mission_files.goals import Places, height_m
-from jezero.mission_files.nodes import Node, UnreadableError, parse
+from jezero.mission_files.nodes import FileNode, UnreadableError, parse
 from jezero.mission_files.problems import MissionFileError, Problem, Problems, listed
 from jezero.mission_files.steps import Steps, failure_policy
 from jezero.schemas.mission import FailurePolicy, Mission
@@ -75,7 +75,7 @@ class _Reader:
     def read(self) -> MissionFile:
         """The mission, or `MissionFileError`."""
         root = self._parse()
-        fields: dict[str, Node] = root.value
+        fields: dict[str, FileNode] = root.value
         for name, node in fields.items():
             if name not in PARTS:
                 self._problems.add(node.line, unknown("part of a mission", name, PARTS))
@@ -95,7 +95,7 @@ class _Reader:
             raise MissionFileError(self._file, self._problems.found)
         return MissionFile(mission, tuple(steps.lines))
 
-    def _parse(self) -> Node:
+    def _parse(self) -> FileNode:
         try:
             if self._file.is_file() and self._is_foreign():
                 made = self._file.with_suffix(".yaml").name
@@ -127,7 +127,7 @@ class _Reader:
     def _error(self, line: int, text: str) -> MissionFileError:
         return MissionFileError(self._file, [Problem(line, text)])
 
-    def _mission(self, fields: dict[str, Node], steps: Steps) -> Mission | None:
+    def _mission(self, fields: dict[str, FileNode], steps: Steps) -> Mission | None:
         name = fields["mission"].plain if "mission" in fields else self._file.stem.replace(" ", "-")
         try:
             fields_of_mission = {
@@ -146,7 +146,7 @@ class _Reader:
 
     # -- places --
 
-    def _named(self, fields: dict[str, Node], part: str) -> dict[str, Node]:
+    def _named(self, fields: dict[str, FileNode], part: str) -> dict[str, FileNode]:
         node = fields.get(part)
         if node is None or node.value is None:
             return {}
@@ -155,7 +155,7 @@ class _Reader:
             return {}
         return node.value
 
-    def _add_point(self, name: str, node: Node) -> None:
+    def _add_point(self, name: str, node: FileNode) -> None:
         point_m = self._point_in_degrees(name, node) if isinstance(node.value, dict) else _numbers(node, 3)
         if point_m is None:
             self._problems.add(
@@ -165,9 +165,9 @@ class _Reader:
             )
         self._places.points[name] = point_m or [0.0, 0.0, 0.0]
 
-    def _point_in_degrees(self, name: str, node: Node) -> list[float] | None:
+    def _point_in_degrees(self, name: str, node: FileNode) -> list[float] | None:
         """The point in metres; None for a malformed one."""
-        parts: dict[str, Node] = node.value
+        parts: dict[str, FileNode] = node.value
         place_deg = _numbers(parts.get("degrees", node), 2)
         up = parts.get("altitude_m", node)
         if len(parts) != 2 or place_deg is None or not (_is_number(up.value) or (up is not node and _is_fields(up))):
@@ -189,7 +189,7 @@ class _Reader:
         altitude_m = height_m(at, up, self._places, self._problems) if _is_fields(up) else float(up.value)
         return [north_m, east_m, -altitude_m]
 
-    def _rally_points(self, node: Node) -> list[list[float]]:
+    def _rally_points(self, node: FileNode) -> list[list[float]]:
         """North and east of each rally point."""
         found = []
         for part in _list_in(node):
@@ -202,7 +202,7 @@ class _Reader:
             self._problems.add(node.line, f"a mission has {RALLY_POINTS_MAX} rally points at most, not {len(found)}")
         return found
 
-    def _add_area(self, name: str, node: Node) -> None:
+    def _add_area(self, name: str, node: FileNode) -> None:
         self._places.areas[name] = {"polygon_ned_m": [], "holes_ned_m": []}
         if name in self._places.points:
             self._problems.add(node.line, f"{name!r} is a point already: give the area another name")
@@ -223,7 +223,7 @@ class _Reader:
                 node.line, f"the area {name!r} is a list of corners [north, east], or the name of a file"
             )
 
-    def _add_area_in_degrees(self, name: str, node: Node) -> None:
+    def _add_area_in_degrees(self, name: str, node: FileNode) -> None:
         from jezero.area_files import AreaFileError, FilePolygon, place
         from jezero.area_files.polygon import ring_from
 
@@ -241,7 +241,7 @@ class _Reader:
             return
         self._places.areas[name] = _fields_of(area)
 
-    def _add_area_of_file(self, name: str, node: Node) -> None:
+    def _add_area_of_file(self, name: str, node: FileNode) -> None:
         options: dict[str, Any] = {"file": node.value} if isinstance(node.value, str) else node.plain
         unknown = [option for option in options if option not in AREA_PARTS]
         if unknown or not isinstance(options.get("file"), str):
@@ -267,12 +267,12 @@ def _fields_of(area: "Area") -> dict[str, Any]:
     return fields | ({} if area.origin_deg is None else {"origin_deg": area.origin_deg})
 
 
-def _list_in(node: Node | None) -> list[Node]:
+def _list_in(node: FileNode | None) -> list[FileNode]:
     """The nodes of a list; an empty list for any other value."""
     return node.value if node is not None and isinstance(node.value, list) else []
 
 
-def _numbers(node: Node, count: int) -> list[float] | None:
+def _numbers(node: FileNode, count: int) -> list[float] | None:
     """The numbers of a list with `count` numbers; None for any other value."""
     values = node.plain
     if not isinstance(values, list) or len(values) != count:
@@ -280,7 +280,7 @@ def _numbers(node: Node, count: int) -> list[float] | None:
     return [float(value) for value in values] if all(map(_is_number, values)) else None
 
 
-def _is_fields(node: Node) -> bool:
+def _is_fields(node: FileNode) -> bool:
     return isinstance(node.value, dict)
 
 

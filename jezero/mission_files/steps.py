@@ -7,7 +7,7 @@ import msgspec
 
 from jezero.base.mistakes import mistake, unknown
 from jezero.mission_files.goals import PLACE, Places, goal_fields
-from jezero.mission_files.nodes import Node
+from jezero.mission_files.nodes import FileNode
 from jezero.mission_files.problems import Problems, listed
 from jezero.schemas.mission import STEPS_MAX, WAIT_MAX_S, FailurePolicy, GoalStep, Step, WaitStep
 from jezero.schemas.rows import Action
@@ -17,7 +17,7 @@ TIMES_MAX = 100
 DEPTH_MAX = 10
 
 
-def failure_policy(node: Node, problems: Problems) -> FailurePolicy:
+def failure_policy(node: FileNode, problems: Problems) -> FailurePolicy:
     """Read the reaction to a step that fails. A mistake in it is added to the problems."""
     try:
         return msgspec.convert(node.plain, FailurePolicy)
@@ -48,11 +48,11 @@ class Steps:
         self._problems = problems
         self._full = False
 
-    def read(self, node: Node) -> None:
+    def read(self, node: FileNode) -> None:
         """Read the list of steps."""
         self._read_list(node, self._places, 0)
 
-    def _read_list(self, node: Node, places: Places, depth: int) -> None:
+    def _read_list(self, node: FileNode, places: Places, depth: int) -> None:
         if not isinstance(node.value, list) or not node.value:
             self._problems.add(node.line, f"steps are a list with one step or more, not {node.in_words}")
             return
@@ -62,13 +62,13 @@ class Steps:
         for step in node.value:
             self._read_step(step, places, depth)
 
-    def _read_step(self, node: Node, places: Places, depth: int) -> None:
+    def _read_step(self, node: FileNode, places: Places, depth: int) -> None:
         if isinstance(node.value, str):  # a goal without fields
-            node = Node(node.line, {node.value: Node(node.line, None)})
+            node = FileNode(node.line, {node.value: FileNode(node.line, None)})
         if not isinstance(node.value, dict):
             self._problems.add(node.line, f"a step is `action: {{field: value}}`, not {node.in_words}")
             return
-        parts: dict[str, Node] = {name: part for name, part in node.value.items() if name != "on_failure"}
+        parts: dict[str, FileNode] = {name: part for name, part in node.value.items() if name != "on_failure"}
         if len(parts) != 1:
             self._problems.add(
                 node.line, f"a step has one action, not {listed(parts)}: begin each step with `- `, indent its fields"
@@ -89,7 +89,7 @@ class Steps:
         else:
             self._goal(name, below, places, policy)
 
-    def _goal(self, name: str, node: Node, places: Places, policy: FailurePolicy) -> None:
+    def _goal(self, name: str, node: FileNode, places: Places, policy: FailurePolicy) -> None:
         action = self._actions.get(name)
         if action is None:
             self._problems.add(node.line, unknown("action", name, (*self._actions, *LOOPS)))
@@ -103,7 +103,7 @@ class Steps:
             node.line, GoalStep(label=_label(name, fields, goal, places), action=name, goal=goal, on_failure=policy)
         )
 
-    def _wait(self, node: Node) -> None:
+    def _wait(self, node: FileNode) -> None:
         duration_s = node.value
         number = isinstance(duration_s, int | float) and not isinstance(duration_s, bool)
         if not number or not 0.0 <= duration_s <= WAIT_MAX_S:
@@ -111,7 +111,7 @@ class Steps:
             return
         self._add(node.line, WaitStep(label=f"wait {duration_s:g} s", duration_s=float(duration_s)))
 
-    def _repeat(self, node: Node, places: Places, depth: int) -> None:
+    def _repeat(self, node: FileNode, places: Places, depth: int) -> None:
         parts = node.value if isinstance(node.value, dict) else {}
         times = parts["times"].value if "times" in parts else None
         if (
@@ -128,7 +128,7 @@ class Steps:
             if len(self._problems.found) > before or self._full:
                 return  # the next turn has the same mistakes
 
-    def _for_each(self, node: Node, places: Places, depth: int) -> None:
+    def _for_each(self, node: FileNode, places: Places, depth: int) -> None:
         parts = node.value if isinstance(node.value, dict) else {}
         names = [name for name in parts if name != "steps"]
         if len(names) != 1 or "steps" not in parts or not isinstance(parts[names[0]].value, list):
@@ -150,7 +150,7 @@ class Steps:
             if len(self._problems.found) > before or self._full:
                 return
 
-    def _point(self, node: Node, places: Places) -> list[float] | None:
+    def _point(self, node: FileNode, places: Places) -> list[float] | None:
         value = node.plain
         if isinstance(value, str) and value in places.points:
             return places.points[value]
@@ -172,7 +172,7 @@ class Steps:
             self.lines.append(line)
 
 
-def _label(name: str, fields: Mapping[str, Node], goal: Mapping[str, Any], places: Places) -> str:
+def _label(name: str, fields: Mapping[str, FileNode], goal: Mapping[str, Any], places: Places) -> str:
     """The label of a step for people: the action's name and its place."""
     named = next((node.value for field, node in fields.items() if field.endswith(PLACE) and node.value in places), None)
     point = next((goal[field] for field in ("target_ned_m", "center_ned_m") if field in goal), None)

@@ -18,7 +18,7 @@ RECORDINGS = "recordings"
 """Name of the folder of recordings in a stack's run folder."""
 
 
-class Progress(NamedTuple):
+class RecordingProgress(NamedTuple):
     """State of a folder's recording after a write.
 
     Attributes:
@@ -64,7 +64,7 @@ class RecordingFolder:
         self._path: Path | None = None
         self._lock = threading.Lock()
 
-    def write(self, messages: Sequence[tuple[int, str, bytes]]) -> Progress:
+    def write(self, messages: Sequence[tuple[int, str, bytes]]) -> RecordingProgress:
         """Write messages, each (time of arrival in ns, topic, encoded message), so that they are in the file.
 
         Messages of topics that are not declared are left out.
@@ -81,15 +81,15 @@ class RecordingFolder:
                 self._writer.flush()
                 if self._path is None or not self._path.exists():
                     self._give_up()
-                    return Progress(None, 0, f"{self._path} has vanished: a new file is begun")
+                    return RecordingProgress(None, 0, f"{self._path} has vanished: a new file is begun")
                 size_bytes = self._writer.size_bytes
-                progress = Progress(self._path, size_bytes, "", self._room_bytes())
+                progress = RecordingProgress(self._path, size_bytes, "", self._room_bytes())
                 if size_bytes >= self._size_max_bytes:
                     self._finish()
                 return progress
             except OSError as error:
                 self._give_up()
-                return Progress(None, 0, describe_os_error(error), self._room_bytes())
+                return RecordingProgress(None, 0, describe_os_error(error), self._room_bytes())
 
     def close(self) -> None:
         """Finish the present file, if there is one and the disk takes it."""

@@ -15,7 +15,7 @@ from jezero.replay.recorded_images import RecordedImages
 from jezero.runtime.journal import NULL, Journal
 from jezero.runtime.node import Node
 from jezero.runtime.service import Service
-from jezero.runtime.task import Outcome, execute, pickled, read_outcome
+from jezero.runtime.task import TaskOutcome, execute, pickled, read_outcome
 from jezero.schemas import journal
 from jezero.schemas.journal import AnyEntry, Output
 from jezero.schemas.rows import Endpoint, Topic
@@ -23,7 +23,7 @@ from jezero.schemas.units import NS_PER_S
 
 
 @dataclass(frozen=True)
-class Difference:
+class ReplayDifference:
     """The first output that is not the recorded one.
 
     Attributes:
@@ -62,7 +62,7 @@ class Replay:
     steps: int = 0
     outputs: int = 0
     different: int = 0
-    first_difference: Difference | None = None
+    first_difference: ReplayDifference | None = None
     gap_s: float | None = None
     lossy_images: int = 0
     not_received: tuple[str, ...] = ()
@@ -151,7 +151,7 @@ class _Player:
         reads = {topic.name for topic in (*spec.inputs, *spec.on_demand)}
         self._reads = reads | {endpoint.name for endpoint in spec.serves} | set(spec.links)
         """Names of what the service reads: a class of one's own may read less than the recorded one."""
-        self._tasks: dict[str, bytes | Outcome] = {}
+        self._tasks: dict[str, bytes | TaskOutcome] = {}
 
     def steps(self) -> Iterator[tuple[int, list[Output], list[Output]]]:
         """Vehicle time of each step, its recorded outputs, and those of the replay."""
@@ -206,11 +206,11 @@ class _Player:
             case journal.Departed(name):
                 node.deliver_departure(name)
 
-    def _outcome(self, tag: str, error: str | None) -> Outcome:
+    def _outcome(self, tag: str, error: str | None) -> TaskOutcome:
         task = self._tasks.pop(tag, None)
         if error is not None or task is None:
-            return Outcome(None, error or "the replay has not started this task")
-        return task if isinstance(task, Outcome) else read_outcome(execute(task))
+            return TaskOutcome(None, error or "the replay has not started this task")
+        return task if isinstance(task, TaskOutcome) else read_outcome(execute(task))
 
     # -- Transport; the journal of the node keeps what is sent --
 
@@ -230,14 +230,16 @@ def _published(outputs: list[Output]) -> list[tuple[str, bytes]]:
     return [(each.topic, bytes(each.message)) for each in outputs if isinstance(each, journal.Published)]
 
 
-def _difference(t_ns: int, recorded: list[Output], replayed: list[Output]) -> Difference:
+def _difference(t_ns: int, recorded: list[Output], replayed: list[Output]) -> ReplayDifference:
     """The first pair of outputs that are not equal; of two messages of one topic, the fields that differ."""
     for before, now in zip_longest(recorded, replayed):
         if before == now:
             continue
         if isinstance(before, journal.Published) and isinstance(now, journal.Published) and before.topic == now.topic:
-            return Difference(t_ns / NS_PER_S, *_changed_fields(before, now))
-        return Difference(t_ns / NS_PER_S, "" if before is None else _text(before), "" if now is None else _text(now))
+            return ReplayDifference(t_ns / NS_PER_S, *_changed_fields(before, now))
+        return ReplayDifference(
+            t_ns / NS_PER_S, "" if before is None else _text(before), "" if now is None else _text(now)
+        )
     raise ValueError("the outputs are equal")
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from jezero.base.arrays import Array
-from jezero.report.landings import Landing, Series
+from jezero.report.landings import RecordedLanding, Series
 from jezero.report.style import (
     BAND,
     ESTIMATE,
@@ -46,7 +46,7 @@ SIGMAS = 3.0
 TIME = "time since the landing goal [s]"
 
 
-def draw_landing(landing: Landing, directory: Path, suffix: str, form: Format) -> list[Path]:
+def draw_landing(landing: RecordedLanding, directory: Path, suffix: str, form: Format) -> list[Path]:
     """Draw all figures of one landing.
 
     In a recording without truth, the standard deviations of the filter replace the errors.
@@ -78,12 +78,12 @@ def draw_landing(landing: Landing, directory: Path, suffix: str, form: Format) -
     return files
 
 
-def _upwards(landing: Landing) -> Landing:
+def _upwards(landing: RecordedLanding) -> RecordedLanding:
     """The landing with its positions north, east and up, so that a descent goes down in every figure."""
     return replace(landing, **{name: getattr(landing, name).upwards() for name in POSITIONS})
 
 
-def _relative_position(landing: Landing, path: Path) -> Path:
+def _relative_position(landing: RecordedLanding, path: Path) -> Path:
     """Draw the relative position, estimated and true (thesis Figs 4.8, 4.10 and 4.13)."""
 
     def fill(figure: Any, axes: Any) -> None:
@@ -109,7 +109,7 @@ def _relative_position(landing: Landing, path: Path) -> Path:
     return draw(path, (3, 1), 5.0, fill, sharex=True)
 
 
-def _relative_error(landing: Landing, path: Path) -> Path:
+def _relative_error(landing: RecordedLanding, path: Path) -> Path:
     """Draw the errors of the relative position, with the filter's own standard deviations."""
 
     def fill(figure: Any, axes: Any) -> None:
@@ -138,7 +138,7 @@ def _relative_error(landing: Landing, path: Path) -> Path:
     return draw(path, (3, 1), 5.0, fill, sharex=True, sharey=True)
 
 
-def _rover_position(landing: Landing, path: Path) -> Path:
+def _rover_position(landing: RecordedLanding, path: Path) -> Path:
     """Draw the rover's position on the left and its error on the right (thesis Figs 4.11 and 4.12).
 
     The truth is shifted into the vehicle's world frame by the error of the autopilot's own position, because the
@@ -172,7 +172,7 @@ def _rover_position(landing: Landing, path: Path) -> Path:
     return draw(path, (3, 2), 5.0, fill, sharex=True)
 
 
-def _rover_estimate(landing: Landing, path: Path) -> Path:
+def _rover_estimate(landing: RecordedLanding, path: Path) -> Path:
     """Draw the rover's estimated position with its own standard deviation, of a recording without truth."""
 
     def fill(figure: Any, axes: Any) -> None:
@@ -195,7 +195,7 @@ def _rover_estimate(landing: Landing, path: Path) -> Path:
     return draw(path, (3, 1), 5.0, fill, sharex=True)
 
 
-def _uwb_and_tag(landing: Landing, path: Path) -> Path:
+def _uwb_and_tag(landing: RecordedLanding, path: Path) -> Path:
     """Draw the positions from each round of ranges and each image alone, and their errors (thesis Fig. 4.5).
 
     In a recording without truth, the estimate is the reference.
@@ -237,7 +237,7 @@ def _uwb_and_tag(landing: Landing, path: Path) -> Path:
     return draw(path, (3, 2), 5.2, fill, sharex=True)
 
 
-def _odometry(landing: Landing, path: Path) -> Path:
+def _odometry(landing: RecordedLanding, path: Path) -> Path:
     """Draw the odometry of a landing on a spot, and its error on the right (thesis Figs 4.14 and 4.15)."""
     columns = 2 if landing.has_truth else 1
 
@@ -264,7 +264,7 @@ def _odometry(landing: Landing, path: Path) -> Path:
     return draw(path, (3, columns), 5.0, fill, sharex=True)
 
 
-def _odometry_error(ax: "Axes", landing: Landing, i: int, *, has_std: bool) -> None:
+def _odometry_error(ax: "Axes", landing: RecordedLanding, i: int, *, has_std: bool) -> None:
     """Draw the error of the odometry along one axis, which can't be read beside a way of some metres."""
     t_s, values = _column(landing.uav, i)
     error = Series(t_s, 100 * (values - landing.true_uav.at(t_s)[:, i])[:, np.newaxis])

@@ -61,7 +61,7 @@ class Series:
 
 
 @dataclass(frozen=True)
-class Landing:
+class RecordedLanding:
     """One landing. All positions are in m, NED; relative ones are vehicle minus rover.
 
     Attributes:
@@ -118,7 +118,7 @@ class Landing:
         return bool(self.valid.any())
 
 
-def landings(entries: Sequence[Entry]) -> list[Landing]:
+def landings(entries: Sequence[Entry]) -> list[RecordedLanding]:
     """All landings of a log in their order, also those that were aborted in the air."""
     by_topic: dict[str, list[Any]] = {}
     for entry in entries:
@@ -140,7 +140,7 @@ def _spans(by_topic: dict[str, list[Any]]) -> Iterator[tuple[int, int]]:
         yield start_ns, by_topic[topics.STATUS.name][-1].t_ns
 
 
-def _landing(by_topic: dict[str, list[Any]], start_ns: int, end_ns: int) -> Landing:
+def _landing(by_topic: dict[str, list[Any]], start_ns: int, end_ns: int) -> RecordedLanding:
     def within(topic: Topic[Any], after_ns: int = 0) -> list[Any]:
         return [m for m in by_topic.get(topic.name, ()) if start_ns <= m.t_ns <= end_ns + after_ns]
 
@@ -158,7 +158,7 @@ def _landing(by_topic: dict[str, list[Any]], start_ns: int, end_ns: int) -> Land
     standing_m = (0.0, 0.0, vehicle.airframe.height_stand_m)
     uwb = list(_uwb_positions(within(topics.UWB), within(topics.ROVER_ODOMETRY), odometry, vehicle))
     path, touchdown_m, std_touchdown_m = _touchdown(relative, truth, disarmed_ns)
-    return Landing(
+    return RecordedLanding(
         start_ns=start_ns,
         end_s=((disarmed_ns or end_ns) - start_ns) / NS_PER_S,
         disarmed_s=None if disarmed_ns is None else (disarmed_ns - start_ns) / NS_PER_S,

@@ -15,7 +15,7 @@ from jezero.recording.writer import RECORDING
 from jezero.report.coverage_plot import draw_coverage
 from jezero.report.coverage_track import draw_coverage_tracks
 from jezero.report.landing_plots import draw_landing
-from jezero.report.landings import Landing, landings
+from jezero.report.landings import RecordedLanding, landings
 from jezero.report.pictures import draw_contact_sheet, draw_orbits
 from jezero.report.plots import draw_flight
 from jezero.report.style import Format
@@ -74,7 +74,7 @@ def draw_report(
     """
     files: list[Path] = []
     kinds: list[Touchdowns] = []
-    flown: list[Landing] = []
+    flown: list[RecordedLanding] = []
     folders: list[Path] = []
     for path in paths:
         if path.is_dir() or path.suffix == ".mcap":
@@ -96,7 +96,7 @@ def draw_report(
 
 def draw_run(
     path: Path, form: Format = "png", on_problem: Callable[[str], None] = lambda text: None
-) -> tuple[list[Path], list[Landing]]:
+) -> tuple[list[Path], list[RecordedLanding]]:
     """Draw the recordings and the images of a run into the run's folder; either may be missing.
 
     Figures of images that are in folders of their own go into these folders.
@@ -114,7 +114,7 @@ def draw_run(
     """
     files = _draw_datasets(path if path.is_dir() else _figures_folder(path), form)
     paths = recordings_in(path) if path.is_dir() and not (path / RECORDING).exists() else []
-    found: list[Landing] = []
+    found: list[RecordedLanding] = []
     problems: list[str] = []
     for recording in paths or [path / RECORDING if path.is_dir() else path]:
         try:
@@ -147,7 +147,7 @@ def _draw_datasets(folder: Path, form: Format) -> list[Path]:
     return files
 
 
-def _draw_recording(path: Path, form: Format) -> tuple[list[Path], list[Landing]]:
+def _draw_recording(path: Path, form: Format) -> tuple[list[Path], list[RecordedLanding]]:
     folder = _figures_folder(path)
     try:
         entries = list(open_recording(path).messages(*DRAWN))
@@ -169,7 +169,7 @@ def _draw_recording(path: Path, form: Format) -> tuple[list[Path], list[Landing]
     return files, found
 
 
-def _combined(flown: Sequence[Landing]) -> list[Touchdowns]:
+def _combined(flown: Sequence[RecordedLanding]) -> list[Touchdowns]:
     """The touchdowns of several landings; those without truth, which are estimates, are a kind of their own."""
     kinds = []
     for title, has_truth in (("flights", True), ("flights, by the estimate", False)):

@@ -9,7 +9,7 @@ import numpy as np
 from jezero.base.arrays import Array
 from jezero.base.config import load_config
 from jezero.base.vehicle_config import VehicleConfig
-from jezero.report.landings import Landing
+from jezero.report.landings import RecordedLanding
 from jezero.report.style import BLUE, GREEN, ORANGE, Format, draw, legend_above
 from jezero.services.simulator.camera.board import board_picture
 
@@ -41,7 +41,7 @@ class Touchdowns(NamedTuple):
     failed: int = 0
 
 
-def draw_touchdown(landing: Landing, directory: Path, suffix: str, form: Format) -> list[Path]:
+def draw_touchdown(landing: RecordedLanding, directory: Path, suffix: str, form: Format) -> list[Path]:
     """Draw one landing's last metres over the platform; no file if it did not end on the platform."""
     place_m = landing.touchdown_rover_body_m
     if place_m is None or not landing.by_estimate or not len(landing.path_rover_body_m):

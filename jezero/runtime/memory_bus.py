@@ -17,7 +17,7 @@ from jezero.base.codec import decode, encode
 from jezero.runtime.journal import Journal, class_of
 from jezero.runtime.node import Node
 from jezero.runtime.service import SentMessage, Service
-from jezero.runtime.task import CANCELED, Outcome, execute, pickled, read_outcome
+from jezero.runtime.task import CANCELED, TaskOutcome, execute, pickled, read_outcome
 from jezero.schemas.rows import Endpoint, Topic
 from jezero.schemas.struct import Payload
 from jezero.schemas.topics import health_of, journal_of
@@ -378,7 +378,7 @@ class Port:
         self._timer_ns: int | None = None
         """Time of the one event on the bus that makes the step of `_tick_ns`; it may be earlier."""
         self._tasks_end_ns = 0
-        self._tasks: dict[str, bytes | Outcome] = {}
+        self._tasks: dict[str, bytes | TaskOutcome] = {}
         """Background tasks by tag that are not over: pickled functions, and outcomes of those that can't be pickled."""
         self._health_topic = health_of(self.name)
         self._journal_topic = journal_of(self.name).name
@@ -473,9 +473,9 @@ class Port:
     def _finish_task(self, tag: str) -> None:
         task = self._tasks.pop(tag, None)
         if task is not None:
-            self._deliver(tag, task if isinstance(task, Outcome) else read_outcome(execute(task)))
+            self._deliver(tag, task if isinstance(task, TaskOutcome) else read_outcome(execute(task)))
 
-    def _deliver(self, tag: str, outcome: Outcome) -> None:
+    def _deliver(self, tag: str, outcome: TaskOutcome) -> None:
         if self.alive:
             self.wants_step |= self.node.deliver_outcome(tag, outcome)
 

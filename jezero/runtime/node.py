@@ -39,7 +39,7 @@ from jezero.runtime.service import (
     Subscribe,
     UndeclaredError,
 )
-from jezero.runtime.task import Outcome
+from jezero.runtime.task import TaskOutcome
 from jezero.schemas import journal as entries
 from jezero.schemas.health import InputHealth, ServiceHealth, ServiceState
 from jezero.schemas.rows import Endpoint, Topic
@@ -194,7 +194,7 @@ class Node:
         self.inbox.responses.append(Response(call.tag, payload, error))
         return True
 
-    def deliver_outcome(self, tag: str, outcome: Outcome) -> bool:
+    def deliver_outcome(self, tag: str, outcome: TaskOutcome) -> bool:
         """Put a background task's outcome into the inbox."""
         if self._journal is not None:
             self._journal.add(entries.TaskEnded(tag, outcome.error))

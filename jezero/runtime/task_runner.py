@@ -4,7 +4,8 @@ A thread would not do: a library that keeps the interpreter for seconds stops th
 thread can't be ended. A process can be killed at any time, and its death is only the end of its task.
 
 That process is `python -m jezero.runtime.task_runner`. Frames on its standard input and output are a length of 8 bytes
-and a pickle: a function in, an `Outcome` out. What a task prints goes to standard error, which is the service's log.
+and a pickle: a function in, a `TaskOutcome` out. What a task prints goes to standard error, which is the service's
+log.
 """
 
 import contextlib
@@ -18,7 +19,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, BinaryIO, cast
 
-from jezero.runtime.task import CANCELED, Outcome, execute, pickled, read_outcome
+from jezero.runtime.task import CANCELED, TaskOutcome, execute, pickled, read_outcome
 
 LENGTH_BYTES = 8
 IDLE_MAX_S = 60.0
@@ -40,7 +41,7 @@ class TaskRunner:
         done: called after each task with its tag and its outcome; in the thread, unless the task can't be sent.
     """
 
-    def __init__(self, done: Callable[[str, Outcome], None]) -> None:
+    def __init__(self, done: Callable[[str, TaskOutcome], None]) -> None:
         self._done = done
         self._tasks: queue.SimpleQueue[_Task] = queue.SimpleQueue()
         self._lock = threading.Lock()
@@ -54,7 +55,7 @@ class TaskRunner:
     def add(self, function: Callable[[], Any], tag: str) -> None:
         """Queue a task; returns at once."""
         frame = pickled(function)
-        if isinstance(frame, Outcome):
+        if isinstance(frame, TaskOutcome):
             self._done(tag, frame)
             return
         task = _Task(frame, tag)
@@ -90,11 +91,11 @@ class TaskRunner:
                 self._pending.pop(task.tag, None)
             self._done(task.tag, outcome)
 
-    def _execute(self, task: _Task) -> Outcome:
+    def _execute(self, task: _Task) -> TaskOutcome:
         try:
             process = self._begin(task)
         except OSError as error:
-            return Outcome(None, f"its process can't be started: {error.strerror or error}")
+            return TaskOutcome(None, f"its process can't be started: {error.strerror or error}")
         if process is None:
             return CANCELED
         frame = None
@@ -104,7 +105,7 @@ class TaskRunner:
         if frame is not None:
             return read_outcome(frame)
         code = self._end_process()
-        return CANCELED if task.canceled else Outcome(None, f"its process ended with {_exit_in_words(code)}")
+        return CANCELED if task.canceled else TaskOutcome(None, f"its process ended with {_exit_in_words(code)}")
 
     def _begin(self, task: _Task) -> "subprocess.Popen[bytes] | None":
         """Make the task the present one; returns a living process, or None if the task is canceled already.

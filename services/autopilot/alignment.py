@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from math import atan2, cos, hypot, sin, sqrt
 
 from jezero.base.frames import Quat, Vec3, quat_from_euler, wrap_pi
-from jezero.services.autopilot.config import EstimatorConfig
+from jezero.services.autopilot.config import StateEstimatorConfig
 
 MIN_FIXES = 10
 ALIGN_US = 1_000_000
@@ -40,13 +40,13 @@ def _mean(vectors: Iterable[Vec3], count: int) -> Vec3:
     return (sum(north) / count, sum(east) / count, sum(down) / count)
 
 
-class Alignment:
+class StartAlignment:
     """Averages the sensors of a vehicle at rest to find tilt, heading, gyroscope bias and origin.
 
     A movement or an invalid fix restarts it.
     """
 
-    def __init__(self, config: EstimatorConfig, gravity_mps2: float) -> None:
+    def __init__(self, config: StateEstimatorConfig, gravity_mps2: float) -> None:
         self._config = config
         self._gravity_mps2 = gravity_mps2
         self._imu: deque[tuple[Vec3, Vec3]] = deque()

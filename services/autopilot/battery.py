@@ -6,7 +6,7 @@ from jezero.base.vehicle_config import BatteryConfig
 from jezero.services.autopilot.mixer import Commands
 
 
-class Battery:
+class BatteryModel:
     """Battery that the rotors and the electronics discharge: its voltage falls with the charge and the current.
 
     Args:

@@ -5,14 +5,14 @@ from collections.abc import Iterator
 import msgspec
 
 from jezero.services.autopilot.config import CommanderConfig, FailsafeConfig
-from jezero.services.autopilot.failsafes import MODE_OF_ACTION, Action, Trigger, most_severe_action
+from jezero.services.autopilot.failsafes import MODE_OF_ACTION, FailsafeAction, Trigger, most_severe_action
 from jezero.services.autopilot.modes import DOWN, Mode
 
 OFFBOARD_STREAM_S = 0.5
 """Maximum age of the setpoint to enter offboard mode."""
 
 
-class VehicleState(msgspec.Struct, frozen=True, gc=False):
+class CommanderState(msgspec.Struct, frozen=True, gc=False):
     """State of the vehicle at one time, as the commander needs it.
 
     Attributes:
@@ -72,7 +72,7 @@ class Commander:
 
     # -- commands; each returns the reason of a refusal, or "" --
 
-    def arm(self, state: VehicleState) -> str:
+    def arm(self, state: CommanderState) -> str:
         """Arm if all arming checks pass."""
         if self.armed:
             return ""
@@ -93,7 +93,7 @@ class Commander:
         self.add_status_text(6, "Armed by external command")
         return ""
 
-    def arming_refusal(self, state: VehicleState) -> str:
+    def arming_refusal(self, state: CommanderState) -> str:
         """Run the arming checks that do not depend on the mode; returns the reason of a refusal, or ""."""
         if state.arming_refusal:
             return state.arming_refusal
@@ -103,7 +103,7 @@ class Commander:
             return "no ground station is connected, and NAV_DLL_ACT requires one"
         return ""
 
-    def disarm(self, state: VehicleState, *, force: bool) -> str:
+    def disarm(self, state: CommanderState, *, force: bool) -> str:
         """Disarm on the ground, or in the air too if `force` is set."""
         if not self.armed:
             return ""
@@ -113,7 +113,7 @@ class Commander:
         self._disarm("Disarmed by force" if force and not state.landed else "Disarmed by external command")
         return ""
 
-    def set_mode(self, mode: Mode, state: VehicleState) -> str:
+    def set_mode(self, mode: Mode, state: CommanderState) -> str:
         """Carry out a mode command. Land without a valid position becomes descend."""
         reason = ""
         if mode is Mode.LAND and self.armed and state.position_invalid_reason:
@@ -138,7 +138,7 @@ class Commander:
 
     # -- periodic --
 
-    def update(self, state: VehicleState) -> None:
+    def update(self, state: CommanderState) -> None:
         """Run failsafes and automatic disarming; does nothing while disarmed."""
         if not self.armed:
             return
@@ -148,7 +148,7 @@ class Commander:
         if self.armed:
             self._auto_disarm(state)
 
-    def _triggers(self, state: VehicleState) -> Iterator[Trigger]:
+    def _triggers(self, state: CommanderState) -> Iterator[Trigger]:
         """Failsafe triggers that are active now."""
         c = self._failsafe
         if state.offboard_setpoint_age_s > c.com_of_loss_t_s:
@@ -179,18 +179,18 @@ class Commander:
         action, trigger = most_severe_action(new, self.mode, landed, self._failsafe)
         if trigger is None:
             return
-        if action is Action.WARN:
+        if action is FailsafeAction.WARN:
             if trigger not in self._warned_of:
                 self._warned_of = (*self._warned_of, trigger)
                 self.add_status_text(4, f"Warning: {trigger.value}")
-        elif action is Action.DISARM:
+        elif action is FailsafeAction.DISARM:
             self._disarm(f"Failsafe: {trigger.value}, motors off", severity=2)
         else:
             self.add_status_text(3, f"Failsafe: {trigger.value}, {_TEXT_OF_ACTION[action]}")
             self.failsafe = True
             self.switch(MODE_OF_ACTION[action])
 
-    def _auto_disarm(self, state: VehicleState) -> None:
+    def _auto_disarm(self, state: CommanderState) -> None:
         c = self._config
         if not state.landed:
             self._has_flown = True
@@ -218,10 +218,10 @@ class Commander:
 
 _BATTERY_TRIGGERS = (Trigger.BATTERY_LOW, Trigger.BATTERY_CRITICAL, Trigger.BATTERY_EMERGENCY)
 _TEXT_OF_ACTION = {
-    Action.HOLD: "holding",
-    Action.RETURN: "returning",
-    Action.LAND: "landing",
-    Action.DESCEND: "descending",
+    FailsafeAction.HOLD: "holding",
+    FailsafeAction.RETURN: "returning",
+    FailsafeAction.LAND: "landing",
+    FailsafeAction.DESCEND: "descending",
 }
 
 

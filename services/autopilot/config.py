@@ -11,7 +11,7 @@ Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 NonNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
 
 
-class EstimatorConfig(Config, frozen=True, kw_only=True):
+class StateEstimatorConfig(Config, frozen=True, kw_only=True):
     """The error-state Kalman filter.
 
     Attributes:
@@ -225,7 +225,7 @@ class AutopilotConfig(Config, frozen=True, kw_only=True):
     """
 
     autopilot: Literal["embedded", "px4"] = "embedded"
-    estimator: EstimatorConfig = EstimatorConfig()
+    estimator: StateEstimatorConfig = StateEstimatorConfig()
     control: ControlConfig = ControlConfig()
     land_detector: LandDetectorConfig = LandDetectorConfig()
     commander: CommanderConfig = CommanderConfig()

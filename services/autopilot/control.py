@@ -23,7 +23,7 @@ RATE_INTEGRAL_LIMIT_RPS2 = 10.0
 VELOCITY_INTEGRAL_LIMIT_MPS2 = 5.0
 
 
-class Setpoint(msgspec.Struct, frozen=True, gc=False):
+class ControlSetpoint(msgspec.Struct, frozen=True, gc=False):
     """Position, velocity and acceleration setpoints. Without yaw and yaw rate the heading stays as it is."""
 
     pos_ned_m: Axes = FREE
@@ -37,10 +37,10 @@ class Setpoint(msgspec.Struct, frozen=True, gc=False):
         """Whether no quantity controls the horizontal motion."""
         return self.pos_ned_m[:2] == self.vel_ned_mps[:2] == self.acc_ned_mps2[:2] == (None, None)
 
-    def shifted(self, step_ned_m: Vec3) -> "Setpoint":
+    def shifted(self, step_ned_m: Vec3) -> "ControlSetpoint":
         """The same setpoint after a reset of the position estimate by `step_ned_m`."""
         n, e, d = (None if p is None else p + s for p, s in zip(self.pos_ned_m, step_ned_m, strict=True))
-        return Setpoint((n, e, d), self.vel_ned_mps, self.acc_ned_mps2, self.yaw_rad, self.yaw_rate_rps)
+        return ControlSetpoint((n, e, d), self.vel_ned_mps, self.acc_ned_mps2, self.yaw_rad, self.yaw_rate_rps)
 
 
 class Kinematics(msgspec.Struct, frozen=True, gc=False):
@@ -100,7 +100,7 @@ class VelocityLoop:
         """Remove the downward part of the integral, which a blocked descent has wound up."""
         self._integral[2] = min(0.0, self._integral[2])
 
-    def velocity_setpoint(self, at: Kinematics, setpoint: Setpoint) -> Vec3:
+    def velocity_setpoint(self, at: Kinematics, setpoint: ControlSetpoint) -> Vec3:
         """Velocity setpoint: output of the position controller plus the velocity of the setpoint, limited."""
         c = self._config
         position, velocity = setpoint.pos_ned_m, setpoint.vel_ned_mps
@@ -119,7 +119,7 @@ class VelocityLoop:
         self.vel_setpoint_ned_mps = (n, e, max(-c.mpc_z_vel_max_up_mps, min(c.mpc_z_vel_max_dn_mps, d)))
         return self.vel_setpoint_ned_mps
 
-    def specific_force(self, dt: float, at: Kinematics, setpoint: Setpoint) -> Vec3:
+    def specific_force(self, dt: float, at: Kinematics, setpoint: ControlSetpoint) -> Vec3:
         """(3,) specific force setpoint of the rotors in NED, m/s²; (0, 0, -g) in hover."""
         c = self._config
         vel = self.velocity_setpoint(at, setpoint)
@@ -239,7 +239,7 @@ class CascadeController:
     def vel_setpoint_ned_mps(self) -> Vec3:
         return self._velocity.vel_setpoint_ned_mps
 
-    def velocity_setpoint(self, at: Kinematics, setpoint: Setpoint) -> Vec3:
+    def velocity_setpoint(self, at: Kinematics, setpoint: ControlSetpoint) -> Vec3:
         return self._velocity.velocity_setpoint(at, setpoint)
 
     @property
@@ -255,7 +255,7 @@ class CascadeController:
         self._velocity.reset_downward_integral()
 
     def step_outer(
-        self, dt: float, at: Kinematics, setpoint: Setpoint, *, airborne: bool, in_contact: bool = False
+        self, dt: float, at: Kinematics, setpoint: ControlSetpoint, *, airborne: bool, in_contact: bool = False
     ) -> None:
         """Run the position and velocity loops. On the ground only the thrust ramps up, level and without integrals.
 

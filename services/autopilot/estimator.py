@@ -34,8 +34,8 @@ from jezero.base.frames import (
     wrap_pi,
     yaw_from_quat,
 )
-from jezero.services.autopilot.alignment import FIX_AGE_MAX_US, MAG_CHECK_GAUSS, Alignment, Fix
-from jezero.services.autopilot.config import EstimatorConfig
+from jezero.services.autopilot.alignment import FIX_AGE_MAX_US, MAG_CHECK_GAUSS, Fix, StartAlignment
+from jezero.services.autopilot.config import StateEstimatorConfig
 from jezero.services.autopilot.heading_gate import HeadingGate
 from jezero.services.autopilot.motion_heading import MotionHeading
 from jezero.services.autopilot.reset_detector import ResetDetector
@@ -64,13 +64,13 @@ Matrix = NDArray[np.float64]
 IDENTITY: Matrix = np.eye(15)
 
 
-class Estimator:
+class StateEstimator:
     """The filter. IMU samples must come in the order of time; other measurements are fused as they arrive."""
 
-    def __init__(self, config: EstimatorConfig, gravity_mps2: float) -> None:
+    def __init__(self, config: StateEstimatorConfig, gravity_mps2: float) -> None:
         self._config = config
         self._gravity_mps2 = gravity_mps2
-        self._alignment = Alignment(config, gravity_mps2)
+        self._alignment = StartAlignment(config, gravity_mps2)
         self.running = False
         self.t_us = 0
         self.q_ned_from_frd: Quat = (1.0, 0.0, 0.0, 0.0)
@@ -102,7 +102,7 @@ class Estimator:
         self._turned_ned_rad: Vec3 = (0.0, 0.0, 0.0)
         """Sum of all corrections of the attitude."""
 
-    def configure(self, config: EstimatorConfig) -> None:
+    def configure(self, config: StateEstimatorConfig) -> None:
         """Apply new settings at once."""
         self._config = config
 

@@ -25,7 +25,7 @@ class Trigger(Enum):
     TILTED = "tilted too far"
 
 
-class Action(IntEnum):
+class FailsafeAction(IntEnum):
     """Action of a failsafe, in the order of severity."""
 
     NONE = 0
@@ -38,70 +38,70 @@ class Action(IntEnum):
 
 
 MODE_OF_ACTION = {
-    Action.HOLD: Mode.HOLD,
-    Action.RETURN: Mode.RETURN,
-    Action.LAND: Mode.LAND,
-    Action.DESCEND: Mode.DESCEND,
+    FailsafeAction.HOLD: Mode.HOLD,
+    FailsafeAction.RETURN: Mode.RETURN,
+    FailsafeAction.LAND: Mode.LAND,
+    FailsafeAction.DESCEND: Mode.DESCEND,
 }
 _ACTION_OF_MODE = {mode: action for action, mode in MODE_OF_ACTION.items()}
 _ACTION_OF_COM_OBL_RC_ACT = {
-    0: Action.LAND,
-    1: Action.LAND,
-    2: Action.LAND,
-    3: Action.RETURN,
-    4: Action.LAND,
-    5: Action.HOLD,
-    6: Action.DISARM,
-    7: Action.DISARM,
+    0: FailsafeAction.LAND,
+    1: FailsafeAction.LAND,
+    2: FailsafeAction.LAND,
+    3: FailsafeAction.RETURN,
+    4: FailsafeAction.LAND,
+    5: FailsafeAction.HOLD,
+    6: FailsafeAction.DISARM,
+    7: FailsafeAction.DISARM,
 }
 """Values 0 to 2 hand over to a pilot with a remote control, which this autopilot does not have: it lands."""
 _ACTION_OF_NAV_DLL_ACT = {
-    0: Action.NONE,
-    1: Action.HOLD,
-    2: Action.RETURN,
-    3: Action.LAND,
-    5: Action.DISARM,
-    6: Action.DISARM,
+    0: FailsafeAction.NONE,
+    1: FailsafeAction.HOLD,
+    2: FailsafeAction.RETURN,
+    3: FailsafeAction.LAND,
+    5: FailsafeAction.DISARM,
+    6: FailsafeAction.DISARM,
 }
 _ACTIONS_OF_COM_LOW_BAT_ACT = {
-    0: (Action.WARN, Action.WARN),
-    2: (Action.LAND, Action.LAND),
-    3: (Action.RETURN, Action.LAND),
+    0: (FailsafeAction.WARN, FailsafeAction.WARN),
+    2: (FailsafeAction.LAND, FailsafeAction.LAND),
+    3: (FailsafeAction.RETURN, FailsafeAction.LAND),
 }
 """Actions at the critical and at the emergency level."""
 
 
-def configured_action(trigger: Trigger, config: FailsafeConfig) -> Action:
+def configured_action(trigger: Trigger, config: FailsafeConfig) -> FailsafeAction:
     """Action of a trigger by the settings, independent of the state of the vehicle."""
     critical, emergency = _ACTIONS_OF_COM_LOW_BAT_ACT[config.com_low_bat_act]
     return {
         Trigger.OFFBOARD_LOST: _ACTION_OF_COM_OBL_RC_ACT[config.com_obl_rc_act],
         Trigger.LINK_LOST: _ACTION_OF_NAV_DLL_ACT[config.nav_dll_act],
-        Trigger.BATTERY_LOW: Action.WARN,
+        Trigger.BATTERY_LOW: FailsafeAction.WARN,
         Trigger.BATTERY_CRITICAL: critical,
         Trigger.BATTERY_EMERGENCY: emergency,
-        Trigger.POSITION_LOST: Action.DESCEND,
-        Trigger.TILTED: Action.DISARM,
+        Trigger.POSITION_LOST: FailsafeAction.DESCEND,
+        Trigger.TILTED: FailsafeAction.DISARM,
     }[trigger]
 
 
-def failsafe_action(trigger: Trigger, mode: Mode, landed: bool, config: FailsafeConfig) -> Action:
+def failsafe_action(trigger: Trigger, mode: Mode, landed: bool, config: FailsafeConfig) -> FailsafeAction:
     """Action of an armed vehicle on one trigger; NONE if its mode already is that action or a safer one."""
     if trigger is Trigger.OFFBOARD_LOST and mode is not Mode.OFFBOARD:
-        return Action.NONE
+        return FailsafeAction.NONE
     action = configured_action(trigger, config)
     if action not in MODE_OF_ACTION:
         return action
-    if landed and action < Action.LAND:
-        action = Action.LAND  # a landed vehicle must not take off by a failsafe
-    return action if action > _ACTION_OF_MODE.get(mode, Action.NONE) else Action.NONE
+    if landed and action < FailsafeAction.LAND:
+        action = FailsafeAction.LAND  # a landed vehicle must not take off by a failsafe
+    return action if action > _ACTION_OF_MODE.get(mode, FailsafeAction.NONE) else FailsafeAction.NONE
 
 
 def most_severe_action(
     triggers: Iterable[Trigger], mode: Mode, landed: bool, config: FailsafeConfig
-) -> tuple[Action, Trigger | None]:
+) -> tuple[FailsafeAction, Trigger | None]:
     """The most severe action and its trigger; the first trigger if several have equal actions."""
-    action, cause = Action.NONE, None
+    action, cause = FailsafeAction.NONE, None
     for trigger in triggers:
         candidate = failsafe_action(trigger, mode, landed, config)
         if candidate > action:
@@ -168,8 +168,8 @@ def _condition_rows() -> str:
     return "".join(f"| {trigger.value} | {when} | {setting} |\n" for trigger, when, setting in rows)
 
 
-def _word(action: Action) -> str:
-    return "–" if action is Action.NONE else action.name.lower()
+def _word(action: FailsafeAction) -> str:
+    return "–" if action is FailsafeAction.NONE else action.name.lower()
 
 
 if __name__ == "__main__":

@@ -7,13 +7,13 @@ from typing import Protocol
 
 from jezero.base.frames import Quat, Vec3
 from jezero.services.autopilot.alignment import Fix
-from jezero.services.autopilot.config import AutopilotConfig, EstimatorConfig
-from jezero.services.autopilot.control import Kinematics, Setpoint
+from jezero.services.autopilot.config import AutopilotConfig, StateEstimatorConfig
+from jezero.services.autopilot.control import ControlSetpoint, Kinematics
 from jezero.services.autopilot.land_detector import LandDetector
 from jezero.services.autopilot.mixer import Commands
 
 
-class Estimate(Protocol):
+class StateEstimate(Protocol):
     """Estimated state of the vehicle. It is updated with the measurements of the sensors as they arrive."""
 
     @property
@@ -50,7 +50,7 @@ class Estimate(Protocol):
     def reset_offset_ned_m(self) -> Vec3:
         """Sum of the steps by which resets moved the position."""
 
-    def configure(self, config: EstimatorConfig) -> None: ...
+    def configure(self, config: StateEstimatorConfig) -> None: ...
     def on_imu(self, t_us: int, acc_frd_mps2: Vec3, gyro_frd_rps: Vec3) -> None: ...
     def on_fix(self, fix: Fix) -> None: ...
     def on_baro(self, altitude_pressure_m: float) -> None: ...
@@ -87,5 +87,5 @@ class FlightController(Protocol):
     def stop(self) -> Commands:
         """Reset all controllers of a disarmed vehicle; returns commands of stopped motors."""
 
-    def step(self, dt: float, setpoint: Setpoint, *, allow_takeoff: bool) -> Commands:
+    def step(self, dt: float, setpoint: ControlSetpoint, *, allow_takeoff: bool) -> Commands:
         """Run the controllers of an armed vehicle; a climb setpoint makes it take off only if `allow_takeoff`."""

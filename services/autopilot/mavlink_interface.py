@@ -16,7 +16,7 @@ from jezero.services.autopilot.telemetry import (
     Senders,
     TelemetryLink,
 )
-from jezero.services.autopilot.vehicle import Vehicle
+from jezero.services.autopilot.vehicle import AutopilotVehicle
 
 _INTERVALS_US = {OFFBOARD: OFFBOARD_INTERVALS_US, GCS: GCS_INTERVALS_US}
 
@@ -40,7 +40,7 @@ class MavlinkInterface:
 
     def __init__(
         self,
-        vehicle: Vehicle,
+        vehicle: AutopilotVehicle,
         parameters: Parameters,
         system_id: int,
         links: Sequence[str],

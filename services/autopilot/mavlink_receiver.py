@@ -7,13 +7,13 @@ from math import isfinite, radians
 
 from jezero.base.frames import Vec3, ned_from_geodetic, rotate_yaw, z_ned_m
 from jezero.base.mavlink import MavMessage, dialect, is_finite
-from jezero.services.autopilot.control import Axes, Setpoint
+from jezero.services.autopilot.control import Axes, ControlSetpoint
 from jezero.services.autopilot.forced_disarm import ForcedDisarmRule
 from jezero.services.autopilot.modes import FROM_MAIN_AND_SUB, Mode
 from jezero.services.autopilot.parameters import Parameters, Value
 from jezero.services.autopilot.stored_fence import FENCE_TYPE, StoredFence
 from jezero.services.autopilot.telemetry import GCS, TelemetryLink
-from jezero.services.autopilot.vehicle import Vehicle
+from jezero.services.autopilot.vehicle import AutopilotVehicle
 
 FORCE_DISARM = 21196.0
 REPOSITION_CHANGES_MODE = 1
@@ -35,7 +35,7 @@ MESSAGE_OF_COMMAND = {
 
 
 @dataclass(frozen=True)
-class Command:
+class ReceivedCommand:
     """A COMMAND_LONG, COMMAND_INT or SET_MODE.
 
     Attributes:
@@ -57,7 +57,7 @@ class Command:
 class MavlinkReceiver:
     """Handles the messages of all links for one vehicle."""
 
-    def __init__(self, vehicle: Vehicle, parameters: Parameters) -> None:
+    def __init__(self, vehicle: AutopilotVehicle, parameters: Parameters) -> None:
         self._vehicle = vehicle
         self._parameters = parameters
         self._fence = StoredFence()
@@ -83,7 +83,7 @@ class MavlinkReceiver:
             dialect.MAVLINK_MSG_ID_MISSION_ITEM_INT: self._fence.on_item,
         }
 
-        self._command_handlers: dict[int, Callable[[Command], int]] = {
+        self._command_handlers: dict[int, Callable[[ReceivedCommand], int]] = {
             dialect.MAV_CMD_COMPONENT_ARM_DISARM: self._arm_or_disarm,
             dialect.MAV_CMD_DO_SET_MODE: self._set_mode,
             dialect.MAV_CMD_NAV_LAND: self._land,
@@ -114,7 +114,7 @@ class MavlinkReceiver:
 
     def _on_command_long(self, link: TelemetryLink, m: MavMessage) -> bytes:
         p = (m.param1, m.param2, m.param3, m.param4)
-        return self._run(link, m, Command(m.command, p, (m.param5, m.param6, m.param7)))
+        return self._run(link, m, ReceivedCommand(m.command, p, (m.param5, m.param6, m.param7)))
 
     def _on_command_int(self, link: TelemetryLink, m: MavMessage) -> bytes:
         if m.frame in GLOBAL_FRAMES or m.frame in RELATIVE_FRAMES:
@@ -122,14 +122,14 @@ class MavlinkReceiver:
         else:
             position_deg = (float(m.x), float(m.y), m.z)
         p = (m.param1, m.param2, m.param3, m.param4)
-        return self._run(link, m, Command(m.command, p, position_deg, relative=m.frame in RELATIVE_FRAMES))
+        return self._run(link, m, ReceivedCommand(m.command, p, position_deg, relative=m.frame in RELATIVE_FRAMES))
 
     def _on_set_mode(self, link: TelemetryLink, m: MavMessage) -> bytes:
         main, sub = m.custom_mode >> 16 & 0xFF, m.custom_mode >> 24 & 0xFF
         p = (float(m.base_mode), float(main), float(sub), 0.0)
-        return self._run(link, m, Command(dialect.MAV_CMD_DO_SET_MODE, p, (0.0, 0.0, 0.0)))
+        return self._run(link, m, ReceivedCommand(dialect.MAV_CMD_DO_SET_MODE, p, (0.0, 0.0, 0.0)))
 
-    def _run(self, link: TelemetryLink, message: MavMessage, command: Command) -> bytes:
+    def _run(self, link: TelemetryLink, message: MavMessage, command: ReceivedCommand) -> bytes:
         """Carry out a command and acknowledge it."""
         number = command.number
         requested_id = MESSAGE_OF_COMMAND.get(number)
@@ -145,7 +145,7 @@ class MavlinkReceiver:
             return link.acknowledge(message, number, DENIED)
         return link.acknowledge(message, number, self._execute(command))
 
-    def _stops_motors_in_air(self, command: Command) -> bool:
+    def _stops_motors_in_air(self, command: ReceivedCommand) -> bool:
         """Whether a command is a forced disarm in the air."""
         forced = command.number == dialect.MAV_CMD_COMPONENT_ARM_DISARM and command.params[:2] == (0.0, FORCE_DISARM)
         return forced and self._vehicle.commander.armed and not self._vehicle.landed
@@ -165,12 +165,12 @@ class MavlinkReceiver:
             self._forced_disarm.log(f"disarmed by force in the air by {sender}")
         return not refusal
 
-    def _execute(self, command: Command) -> int:
+    def _execute(self, command: ReceivedCommand) -> int:
         """Carry out a command to the vehicle; returns a MAV_RESULT."""
         handler = self._command_handlers.get(command.number)
         return UNSUPPORTED if handler is None else handler(command)
 
-    def _arm_or_disarm(self, command: Command) -> int:
+    def _arm_or_disarm(self, command: ReceivedCommand) -> int:
         if command.params[0] == 1.0:
             return _result(self._vehicle.arm())
         return (
@@ -179,17 +179,17 @@ class MavlinkReceiver:
             else DENIED
         )
 
-    def _set_mode(self, command: Command) -> int:
+    def _set_mode(self, command: ReceivedCommand) -> int:
         mode = _requested_mode(command)
         return DENIED if mode is None else _result(self._vehicle.set_mode(mode))
 
-    def _land(self, command: Command) -> int:
+    def _land(self, command: ReceivedCommand) -> int:
         return _result(self._vehicle.set_mode(Mode.LAND))
 
-    def _return(self, command: Command) -> int:
+    def _return(self, command: ReceivedCommand) -> int:
         return _result(self._vehicle.set_mode(Mode.RETURN))
 
-    def _take_off(self, command: Command) -> int:
+    def _take_off(self, command: ReceivedCommand) -> int:
         vehicle, origin_deg = self._vehicle, self._vehicle.estimator.origin_deg
         if origin_deg is None:
             return REJECTED
@@ -199,7 +199,7 @@ class MavlinkReceiver:
             return DENIED
         return _result(vehicle.take_off(point_ned_m))
 
-    def _command_point_ned_m(self, command: Command, origin_deg: Vec3) -> Axes | None:
+    def _command_point_ned_m(self, command: ReceivedCommand, origin_deg: Vec3) -> Axes | None:
         """Position of a command, an axis that it leaves open being None; None if the position is out of range."""
         latitude_deg, longitude_deg, altitude_m = command.position_deg
         north: float | None = None
@@ -214,7 +214,7 @@ class MavlinkReceiver:
         far = any(axis is not None and abs(axis) > REPOSITION_MAX_M for axis in (north, east, down))
         return None if far else (north, east, down)
 
-    def _reposition(self, command: Command) -> int:
+    def _reposition(self, command: ReceivedCommand) -> int:
         """Hold at another point; an axis that the command leaves open stays as it is."""
         vehicle, origin_deg = self._vehicle, self._vehicle.estimator.origin_deg
         if not command.are_finite(1) or not int(command.params[1]) & REPOSITION_CHANGES_MODE:
@@ -276,7 +276,7 @@ def _result(refusal: str) -> int:
     return REJECTED if refusal else ACCEPTED
 
 
-def _requested_mode(command: Command) -> Mode | None:
+def _requested_mode(command: ReceivedCommand) -> Mode | None:
     """Mode of a DO_SET_MODE; None if this autopilot does not have it."""
     if not command.are_finite(0, 1) or not int(command.params[0]) & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
         return None
@@ -302,7 +302,7 @@ def decode_parameter(raw: float, kind: int) -> Value | None:
     return float(raw) if kind == dialect.MAV_PARAM_TYPE_REAL32 else None
 
 
-def offboard_setpoint(message: MavMessage, yaw_now_rad: float) -> Setpoint | None:
+def offboard_setpoint(message: MavMessage, yaw_now_rad: float) -> ControlSetpoint | None:
     """Setpoint of a SET_POSITION_TARGET_LOCAL_NED; None if it is empty, not finite, or in a frame that PX4 refuses."""
     mask = message.type_mask
     names = ("x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz")
@@ -323,7 +323,7 @@ def offboard_setpoint(message: MavMessage, yaw_now_rad: float) -> Setpoint | Non
             n, e, _ = rotate_yaw((n or 0.0, e or 0.0, 0.0), yaw_now_rad)
         return (n, e, d)
 
-    return Setpoint(axes("x", "y", "z"), axes("vx", "vy", "vz"), axes("afx", "afy", "afz"), yaw, yaw_rate)
+    return ControlSetpoint(axes("x", "y", "z"), axes("vx", "vy", "vz"), axes("afx", "afy", "afz"), yaw, yaw_rate)
 
 
 def _refuse_files(link: TelemetryLink, m: MavMessage) -> bytes:

@@ -4,8 +4,8 @@ from jezero.base.detectors import is_tilted_by_contact
 from jezero.base.frames import Vec3
 from jezero.base.vehicle_config import AirframeConfig
 from jezero.services.autopilot.config import AutopilotConfig
-from jezero.services.autopilot.control import CascadeController, Kinematics, Setpoint
-from jezero.services.autopilot.estimator import Estimator
+from jezero.services.autopilot.control import CascadeController, ControlSetpoint, Kinematics
+from jezero.services.autopilot.estimator import StateEstimator
 from jezero.services.autopilot.land_detector import CLIMB_SETPOINT_MIN_MPS, LandDetector
 from jezero.services.autopilot.mixer import Commands
 
@@ -25,7 +25,7 @@ class MulticopterController:
         detector: the land detector.
     """
 
-    def __init__(self, config: AutopilotConfig, airframe: AirframeConfig, estimator: Estimator) -> None:
+    def __init__(self, config: AutopilotConfig, airframe: AirframeConfig, estimator: StateEstimator) -> None:
         self.detector = LandDetector(config.land_detector)
         self._estimator = estimator
         self._controller = CascadeController(config.control, airframe)
@@ -65,7 +65,7 @@ class MulticopterController:
         self._takeoff_start_down_m = None
         return self._controller.stop(self._estimator.yaw_rad)
 
-    def step(self, dt: float, setpoint: Setpoint, *, allow_takeoff: bool) -> Commands:
+    def step(self, dt: float, setpoint: ControlSetpoint, *, allow_takeoff: bool) -> Commands:
         """Run the controllers of an armed vehicle; returns (4,) motor commands from 0 to 1.
 
         Args:
@@ -82,7 +82,7 @@ class MulticopterController:
             return self._controller.idle(estimator.yaw_rad)
         return self._controller.step_inner(dt, estimator.rates_frd_rps, estimator.R_ned_from_frd)
 
-    def _step_outer(self, dt: float, setpoint: Setpoint, *, allow_takeoff: bool) -> None:
+    def _step_outer(self, dt: float, setpoint: ControlSetpoint, *, allow_takeoff: bool) -> None:
         at = self.kinematics
         detector, controller = self.detector, self._controller
         if not detector.landed:

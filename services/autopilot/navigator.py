@@ -5,7 +5,7 @@ from math import hypot, tan
 
 from jezero.base.frames import Vec3, add, distance, scale
 from jezero.services.autopilot.config import ControlConfig, NavigatorConfig
-from jezero.services.autopilot.control import Axes, Kinematics, Setpoint
+from jezero.services.autopilot.control import Axes, ControlSetpoint, Kinematics
 from jezero.services.autopilot.modes import Mode
 
 REACHED_RADIUS_M = 0.3
@@ -138,10 +138,10 @@ class Navigator:
         """Whether takeoff mode has reached its height."""
         return mode is Mode.TAKEOFF and abs(at.pos_ned_m[2] - self._point_ned_m[2]) < REACHED_RADIUS_M
 
-    def setpoint(self, mode: Mode, at: Kinematics, t_us: int) -> Setpoint:
+    def setpoint(self, mode: Mode, at: Kinematics, t_us: int) -> ControlSetpoint:
         """Setpoint of a mode at this time."""
         if mode is Mode.DESCEND:
-            return Setpoint(vel_ned_mps=self._descend_velocity(at, t_us), yaw_rad=self._yaw_rad)
+            return ControlSetpoint(vel_ned_mps=self._descend_velocity(at, t_us), yaw_rad=self._yaw_rad)
         if mode is Mode.LAND:
             return self._land_setpoint(at, t_us)
         if mode is Mode.TAKEOFF:
@@ -150,13 +150,13 @@ class Navigator:
             self._advance_return(at)
             if self._leg is ReturnLeg.LAND:
                 return self._land_setpoint(at, t_us)
-        return Setpoint(self._point_ned_m, yaw_rad=self._yaw_rad)
+        return ControlSetpoint(self._point_ned_m, yaw_rad=self._yaw_rad)
 
-    def _takeoff_setpoint(self, at: Kinematics) -> Setpoint:
+    def _takeoff_setpoint(self, at: Kinematics) -> ControlSetpoint:
         """Position setpoint of a takeoff; its height is limited so that the climb is not faster than MPC_TKO_SPEED."""
         north, east, down = self._point_ned_m
         lead_m = self._control.mpc_tko_speed_mps / self._control.mpc_z_p
-        return Setpoint((north, east, max(down, at.pos_ned_m[2] - lead_m)), yaw_rad=self._yaw_rad)
+        return ControlSetpoint((north, east, max(down, at.pos_ned_m[2] - lead_m)), yaw_rad=self._yaw_rad)
 
     def _descend_velocity(self, at: Kinematics, t_us: int) -> Axes:
         """Velocity setpoint of a descent without a valid position."""
@@ -174,15 +174,15 @@ class Navigator:
         factor = max(0.0, 1.0 - brake_mps / max(brake_mps, hypot(north, east)))
         return (factor * north, factor * east, down_mps)
 
-    def _land_setpoint(self, at: Kinematics, t_us: int) -> Setpoint:
+    def _land_setpoint(self, at: Kinematics, t_us: int) -> ControlSetpoint:
         if t_us < self._retry_until_us:
             if distance(at.pos_ned_m, self._point_ned_m) > REACHED_RADIUS_M:
-                return Setpoint(self._point_ned_m, yaw_rad=self._yaw_rad)
+                return ControlSetpoint(self._point_ned_m, yaw_rad=self._yaw_rad)
             self._retry_until_us = t_us
         c, (north, east, _) = self._control, self._point_ned_m
         high = self.home_ned_m[2] - at.pos_ned_m[2] > c.mpc_land_alt2_m
         speed_mps = c.mpc_z_vel_max_dn_mps if high else c.mpc_land_speed_mps
-        return Setpoint((north, east, None), (None, None, speed_mps), yaw_rad=self._yaw_rad)
+        return ControlSetpoint((north, east, None), (None, None, speed_mps), yaw_rad=self._yaw_rad)
 
     def _advance_return(self, at: Kinematics) -> None:
         """Start the next leg of the return when the present one is done."""

@@ -10,13 +10,13 @@ from jezero.runtime.service import Health, Inbox, Output, Send, Spec
 from jezero.schemas.units import GRAVITY_MPS2
 from jezero.services.autopilot.alignment import Fix
 from jezero.services.autopilot.config import AutopilotConfig, SigningConfig
-from jezero.services.autopilot.estimator import Estimator
+from jezero.services.autopilot.estimator import StateEstimator
 from jezero.services.autopilot.hil import HilLink, SensorSample
 from jezero.services.autopilot.mavlink_interface import MavlinkInterface, signing_by_link
 from jezero.services.autopilot.multicopter import MulticopterController
 from jezero.services.autopilot.parameters import Parameters
 from jezero.services.autopilot.telemetry import GCS, OFFBOARD
-from jezero.services.autopilot.vehicle import Vehicle
+from jezero.services.autopilot.vehicle import AutopilotVehicle
 
 __all__ = ["GCS", "HIL", "OFFBOARD", "SPEC", "Autopilot"]
 
@@ -75,10 +75,10 @@ class Autopilot:
 
     def _restart(self) -> None:
         config = self._parameters.config
-        estimator = Estimator(config.estimator, GRAVITY_MPS2)
+        estimator = StateEstimator(config.estimator, GRAVITY_MPS2)
         self._hil = HilLink(self._system_id)
         controller = MulticopterController(config, self._airframe, estimator)
-        self._vehicle = Vehicle(self._parameters, self._system_id, estimator, controller)
+        self._vehicle = AutopilotVehicle(self._parameters, self._system_id, estimator, controller)
         self._mavlink = MavlinkInterface(
             self._vehicle, self._parameters, self._system_id, (OFFBOARD, GCS), self._signing
         )

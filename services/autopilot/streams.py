@@ -8,7 +8,7 @@ import msgspec
 from jezero.base.frames import Quat, Vec3, altitude_m, euler_from_quat, geodetic_from_ned
 from jezero.base.mavlink import MavMessage, dialect
 from jezero.services.autopilot.alignment import Fix
-from jezero.services.autopilot.control import Setpoint
+from jezero.services.autopilot.control import ControlSetpoint
 
 PREARM = dialect.MAV_SYS_STATUS_PREARM_CHECK
 SENSORS = (
@@ -68,7 +68,7 @@ class Snapshot(msgspec.Struct, frozen=True, gc=False):
     reset_counter: int
     origin_deg: Vec3 | None
     home_ned_m: Vec3
-    setpoint: Setpoint | None
+    setpoint: ControlSetpoint | None
     vel_setpoint_ned_mps: Vec3
     fix: Fix | None
     fix_us: int

@@ -6,11 +6,11 @@ from math import inf, sqrt
 from jezero.base.detectors import SLOPE_SINE_MAX, TILT_SINE_MAX, FrozenSensorDetector
 from jezero.base.frames import Vec3, subtract
 from jezero.services.autopilot.alignment import FIX_AGE_MAX_US, Fix
-from jezero.services.autopilot.battery import Battery
-from jezero.services.autopilot.commander import Commander, VehicleState
-from jezero.services.autopilot.control import Axes, Setpoint, stopping_point_ned_m
+from jezero.services.autopilot.battery import BatteryModel
+from jezero.services.autopilot.commander import Commander, CommanderState
+from jezero.services.autopilot.control import Axes, ControlSetpoint, stopping_point_ned_m
 from jezero.services.autopilot.hil import SensorSample
-from jezero.services.autopilot.interfaces import Estimate, FlightController
+from jezero.services.autopilot.interfaces import FlightController, StateEstimate
 from jezero.services.autopilot.mixer import STOPPED, Commands
 from jezero.services.autopilot.modes import Mode
 from jezero.services.autopilot.navigator import Navigator
@@ -33,7 +33,7 @@ PUSH_AGE_MAX_S = 0.2
 """A setpoint this old may come from a program that has stopped, and can't judge what the vehicle touches."""
 
 
-class Vehicle:
+class AutopilotVehicle:
     """One vehicle in the simulator, from the first sensor sample to a restart.
 
     Attributes:
@@ -44,7 +44,7 @@ class Vehicle:
     """
 
     def __init__(
-        self, parameters: Parameters, system_id: int, estimator: Estimate, flight_controller: FlightController
+        self, parameters: Parameters, system_id: int, estimator: StateEstimate, flight_controller: FlightController
     ) -> None:
         config = parameters.config
         self._parameters = parameters
@@ -55,7 +55,7 @@ class Vehicle:
         self._config = config
         self._flight_controller = flight_controller
         self._navigator = Navigator(config.navigator, config.control)
-        self._battery = Battery(parameters.battery, config.charge_at_start, config.control.mpc_thr_hover)
+        self._battery = BatteryModel(parameters.battery, config.charge_at_start, config.control.mpc_thr_hover)
         self._fix: Fix | None = None
         self._fix_us: int | None = None
         self._valid_fix_us: int | None = None
@@ -65,9 +65,9 @@ class Vehicle:
         self._mag_freeze = FrozenSensorDetector()
         self._baro_freeze = FrozenSensorDetector()
         self._gcs_heartbeat_us: int | None = None
-        self._offboard = Setpoint()
+        self._offboard = ControlSetpoint()
         self._offboard_us: int | None = None
-        self._active_setpoint: Setpoint | None = None
+        self._active_setpoint: ControlSetpoint | None = None
         self._thrust = 0.0
         self._stood_s: float | None = None
         """Time since the last flight; None before the first one."""
@@ -225,7 +225,7 @@ class Vehicle:
         self._navigator.go_to(point_ned_m, yaw_rad)
         return ""
 
-    def on_offboard_setpoint(self, setpoint: Setpoint) -> None:
+    def on_offboard_setpoint(self, setpoint: ControlSetpoint) -> None:
         """Store a setpoint for offboard mode."""
         self._offboard, self._offboard_us = setpoint, self.t_us
 
@@ -247,8 +247,8 @@ class Vehicle:
 
     # -- state ---------------------------------------------------------------------------------------------
 
-    def _state(self) -> VehicleState:
-        return VehicleState(
+    def _state(self) -> CommanderState:
+        return CommanderState(
             t_us=self.t_us,
             arming_refusal="" if self.commander.armed else self._sensor_refusal(),
             position_invalid_reason=self._position_invalid_reason(),

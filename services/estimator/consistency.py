@@ -17,7 +17,7 @@ from jezero.services.estimator.measurements import (
     UwbMeasurement,
 )
 from jezero.services.estimator.motion import VEL_ROVER, VEL_UAV, YAW
-from jezero.services.estimator.motion_check import MotionCheck, Sample
+from jezero.services.estimator.motion_check import MotionCheck, PathSample
 from jezero.services.estimator.trilateration import ANCHORS_MIN
 from jezero.services.estimator.uwb_initialization import UwbWindow
 
@@ -69,7 +69,7 @@ class DeadReckoning:
     def _moved(self, place_m: tuple[float, float], way_m: float) -> tuple[float, float]:
         return place_m[0] + way_m * self._heading[0], place_m[1] + way_m * self._heading[1]
 
-    def sample(self, t_ns: int, measured_m: tuple[float, float], std_m: float) -> Sample | None:
+    def sample(self, t_ns: int, measured_m: tuple[float, float], std_m: float) -> PathSample | None:
         """The measured place beside the dead-reckoned ones of its time; None before the first odometry.
 
         Args:
@@ -83,7 +83,7 @@ class DeadReckoning:
         north_m, east_m, north_mps, east_mps = self._pos_vel_uav
         rover_m = self._moved(self._rover_m, self._speed_mps * later_s)
         reckoned_m = (north_m + later_s * north_mps - rover_m[0], east_m + later_s * east_mps - rover_m[1])
-        return Sample(t_ns, reckoned_m, self._moved(self._heading_way_m, later_s), measured_m, std_m)
+        return PathSample(t_ns, reckoned_m, self._moved(self._heading_way_m, later_s), measured_m, std_m)
 
 
 class ConsistencyMonitor:

@@ -30,7 +30,7 @@ Place = tuple[float, float]
 """North and east in m."""
 
 
-class Difference(NamedTuple):
+class PathDifference(NamedTuple):
     """How a measured path differs from the dead-reckoned one.
 
     Attributes:
@@ -46,10 +46,10 @@ class Difference(NamedTuple):
     speed_error_mps: float = 0.0
 
 
-AGREES = Difference()
+AGREES = PathDifference()
 
 
-class Sample(NamedTuple):
+class PathSample(NamedTuple):
     """Places at one time.
 
     Attributes:
@@ -77,7 +77,7 @@ class MotionCheck:
 
     def __init__(self) -> None:
         self.contradiction = self.difference = AGREES
-        self._samples: deque[Sample] = deque()
+        self._samples: deque[PathSample] = deque()
         self._since_ns: int | None = None
 
     def clear(self) -> None:
@@ -90,7 +90,7 @@ class MotionCheck:
         """Whether the next sample is due."""
         return not self._samples or t_ns - self._samples[-1].t_ns >= PERIOD_NS
 
-    def add(self, sample: Sample) -> None:
+    def add(self, sample: PathSample) -> None:
         """Add a sample."""
         samples, t_ns = self._samples, sample.t_ns
         samples.append(sample)
@@ -108,7 +108,7 @@ class MotionCheck:
             self.contradiction = found
 
 
-def _difference(samples: list[Sample]) -> Difference | None:
+def _difference(samples: list[PathSample]) -> PathDifference | None:
     """How the paths differ; None when the samples hold too little motion."""
     n = len(samples)
     reckoned, way = _centred([s.reckoned_m for s in samples]), _centred([s.heading_way_m for s in samples])
@@ -130,7 +130,7 @@ def _difference(samples: list[Sample]) -> Difference | None:
     only_turned = abs(length - 1.0) < LENGTH_KEPT_MAX and rest_m <= rest_speed_m + std_mean_m
     if by_speed is not None and not only_turned:
         return by_speed
-    return Difference(
+    return PathDifference(
         f"turned by {degrees(atan2(across, along)):.0f} degrees against the motion of vehicle and rover and "
         f"{length:.1f} times as long",
         turn_rad=turn_rad,
@@ -139,7 +139,7 @@ def _difference(samples: list[Sample]) -> Difference | None:
 
 def _by_speed(
     reckoned: list[Place], way: list[Place], measured: list[Place], std_mean_m: float
-) -> tuple[Difference | None, float]:
+) -> tuple[PathDifference | None, float]:
     """The difference that another speed of the rover explains, None for none, and the RMS distance that it leaves."""
     apart = [(m[0] - r[0], m[1] - r[1]) for m, r in zip(measured, reckoned, strict=True)]
     extent_m = _rms(way)
@@ -149,7 +149,7 @@ def _by_speed(
     rest_m = _rms([(a[0] + faster_mps * w[0], a[1] + faster_mps * w[1]) for a, w in zip(apart, way, strict=True)])
     if abs(faster_mps) < SPEED_ERROR_MIN_MPS + std_mean_m / extent_m or rest_m > EXPLAINED_MAX * _rms(apart):
         return None, rest_m
-    return Difference(
+    return PathDifference(
         f"that of a rover which drives {abs(faster_mps):.1f} m/s {'faster' if faster_mps > 0.0 else 'slower'} than its "
         "odometry says",
         speed_error_mps=faster_mps,

@@ -65,7 +65,7 @@ RELATIVE_T = _relative()
 NO_ERROR = np.zeros((3, SIZE))
 
 
-class Estimate(msgspec.Struct, frozen=True, gc=False):
+class FilterEstimate(msgspec.Struct, frozen=True, gc=False):
     """Estimate of the vehicle relative to the rover; fields as in `schemas.estimate.Relative`.
 
     Attributes:
@@ -143,14 +143,14 @@ class RelativeFilter:
     # -- estimate ------------------------------------------------------------------------------------------
 
     @property
-    def estimate(self) -> Estimate | None:
+    def estimate(self) -> FilterEstimate | None:
         """Newest estimate; None before the first odometry."""
         if self._history is None:
             return None
         kalman = self._history.kalman
         x = kalman.x
         relative = RELATIVE_T @ x
-        return Estimate(
+        return FilterEstimate(
             t_ns=kalman.t_ns,
             pos_rel_m=relative[0:3],
             vel_rel_mps=relative[3:6],

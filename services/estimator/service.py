@@ -28,7 +28,7 @@ from jezero.services.estimator.measurements import (
     UwbMeasurement,
 )
 from jezero.services.estimator.range_outliers import RangeOutlierFilter
-from jezero.services.estimator.relative_filter import Estimate, RelativeFilter
+from jezero.services.estimator.relative_filter import FilterEstimate, RelativeFilter
 from jezero.services.estimator.rover_plausibility import RoverPlausibilityCheck
 from jezero.services.estimator.rover_tilt import LEVEL, level_from_rover_body
 from jezero.services.estimator.selection import InputSelection
@@ -338,7 +338,7 @@ class Estimator:
         left_out = (monitor.uwb_left_out and selection.use_uwb) or (monitor.tag_left_out and selection.use_tag)
         return bool(left_out) or bool(monitor.height) or relative.has_input_conflict
 
-    def _relative(self, t_ns: int, estimate: Estimate | None, reason: str) -> Relative:
+    def _relative(self, t_ns: int, estimate: FilterEstimate | None, reason: str) -> Relative:
         selection, located = self._selection, self._filter.located
         known = estimate if located else None
         return Relative(
@@ -361,7 +361,7 @@ class Estimator:
             parameters_version=selection.version,
         )
 
-    def _rover_estimate(self, estimate: Estimate, odometry: Odometry, reason: str) -> RoverEstimate:
+    def _rover_estimate(self, estimate: FilterEstimate, odometry: Odometry, reason: str) -> RoverEstimate:
         """Position of the rover in the frame of the odometry, so that both can be used together."""
         age_s = (estimate.t_ns - odometry.t_ns) / NS_PER_S
         pos_uav_m = add(odometry.pos_uav_ned_m, scale(odometry.vel_uav_ned_mps, age_s))

@@ -10,7 +10,7 @@ from jezero.schemas.goals import ReturnHomeGoal
 from jezero.schemas.state import Status, StatusCode
 from jezero.schemas.topics import ABORT, RETURN_HOME, STATUS
 from jezero.schemas.units import NS_PER_S
-from jezero.services.mission.step_run import GoalRun, StepEnd
+from jezero.services.mission.step_run import StepEnd, StepGoal
 
 TRIES = 3
 ABORT_PERIOD_NS = 2 * NS_PER_S
@@ -34,7 +34,7 @@ class ReturnRun:
         self.ended: StepEnd | None = None
         self._return_id = return_id
         self._goal = goal
-        self._run: GoalRun | None = None
+        self._run: StepGoal | None = None
         self._tries = 0
         self._abort_due_ns = 0
         self._interventions: tuple[int, int] | None = None
@@ -72,7 +72,7 @@ class ReturnRun:
             self._tries += 1
             self._interventions = self._interventions or (status.bridge_boot_id, status.interventions)
             goal_id = f"{self._return_id}.{self._tries}"
-            self._run = GoalRun(RETURN_HOME, replace(self._goal, goal_id=goal_id, issued_t_ns=t_ns))
+            self._run = StepGoal(RETURN_HOME, replace(self._goal, goal_id=goal_id, issued_t_ns=t_ns))
         elif status.in_charge == "goal" and t_ns >= self._abort_due_ns:
             self._abort_due_ns = t_ns + ABORT_PERIOD_NS
             yield Call(ABORT, Abort(reason=self.reason), f"{self._return_id}/abort")

@@ -39,7 +39,7 @@ from jezero.services.mission.record import MissionRecord
 from jezero.services.mission.return_run import ReturnRun
 from jezero.services.mission.return_watch import GROUND, ReturnWatch
 from jezero.services.mission.rules import flies_goal_of, landing_step, last_goal, somebody_else, swap_refusal
-from jezero.services.mission.step_run import GoalRun, StepEnd, Wait, goal_of
+from jezero.services.mission.step_run import StepEnd, StepGoal, Wait, goal_of
 
 PUBLISH_PERIOD_NS = NS_PER_S // 2
 PAUSED = "paused by a command"
@@ -82,7 +82,7 @@ class MissionService:
         self._actions = actions
         self._save = save
         self._missions = 0
-        self._run: GoalRun | Wait | None = None
+        self._run: StepGoal | Wait | None = None
         self._wanted: Wanted = ""
         self._pauses: list[int] = []
         """Ids of the requests for a pause that wait for the action server."""
@@ -162,7 +162,7 @@ class MissionService:
     def _hold(self, held: MissionRecord, status: Status) -> Iterator[Output]:
         """Stop flying, and wait for a command."""
         self._record = self._with_altitude(held, status)
-        if isinstance(self._run, GoalRun):
+        if isinstance(self._run, StepGoal):
             self._wanted = "stop" if self._wanted == "stop" else "hold"
             yield from self._run.cancel()
         elif self._run is not None:
@@ -210,7 +210,7 @@ class MissionService:
             return
         if run is not None:
             yield from run.step(t_ns, inbox, paused=record.state != "running")
-            if isinstance(run, GoalRun) and (reply := run.pause_reply(inbox)) is not None:
+            if isinstance(run, StepGoal) and (reply := run.pause_reply(inbox)) is not None:
                 yield from self._reply_to_pauses(reply.reason, record)
             if run.ended is None:
                 return
@@ -237,14 +237,14 @@ class MissionService:
         if record.altitude_m is not None and landed and not is_takeoff:
             self._takes_off, self._record = True, record
             goal_id = f"{record.goal_id}.takeoff"
-            self._run = GoalRun(TAKEOFF, goal_of(TAKEOFF, {"altitude_m": record.altitude_m}, goal_id, t_ns))
+            self._run = StepGoal(TAKEOFF, goal_of(TAKEOFF, {"altitude_m": record.altitude_m}, goal_id, t_ns))
         elif isinstance(step, WaitStep):
             self._record = replace(record, altitude_m=None)
             self._run = Wait(t_ns, step.duration_s if record.rest is None else float(record.rest["duration_s"]))
         else:
             self._record = replace(record, altitude_m=None)
             action, fields = self._actions[step.action], step.goal if record.rest is None else record.rest
-            self._run = GoalRun(action, goal_of(action, fields, record.goal_id, t_ns))
+            self._run = StepGoal(action, goal_of(action, fields, record.goal_id, t_ns))
         yield from self._run.step(t_ns, inbox, paused=False)
 
     def _after(self, record: MissionRecord, end: StepEnd, status: Status | None) -> MissionRecord:
@@ -332,7 +332,7 @@ class MissionService:
             if command.command == "skip":
                 self._record = again.without_step()
         elif record is not None and not record.ended:
-            if command.command == "pause" and record.state == "running" and isinstance(self._run, GoalRun):
+            if command.command == "pause" and record.state == "running" and isinstance(self._run, StepGoal):
                 self._pauses.append(request.request_id)
                 yield from self._run.pause()
                 return
@@ -376,7 +376,7 @@ class MissionService:
             self._record = record.in_state("running")
             if status is not None and status.landed and record.altitude_m is None:  # the stack was restarted
                 self._record = replace(self._record, altitude_m=record.step_altitude_m)
-            if isinstance(run, GoalRun):
+            if isinstance(run, StepGoal):
                 yield from run.resume()
         elif command == "pause":
             self._record = record.in_state("paused", PAUSED)
@@ -390,14 +390,14 @@ class MissionService:
                 self._record = self._after(record, StepEnd("canceled"), None)
         return ""
 
-    def _goal_of_run_before(self, record: MissionRecord, status: Status | None) -> GoalRun | None:
+    def _goal_of_run_before(self, record: MissionRecord, status: Status | None) -> StepGoal | None:
         """The mission's goal that flies on since the run of this service before, or may do so; None for none."""
         if status is None:
             step = record.step
-            return GoalRun(self._actions[step.action], record.goal_id) if isinstance(step, GoalStep) else None
+            return StepGoal(self._actions[step.action], record.goal_id) if isinstance(step, GoalStep) else None
         if not flies_goal_of(status, record.mission_id):
             return None
-        return GoalRun(self._actions[status.action], status.goal_id)
+        return StepGoal(self._actions[status.action], status.goal_id)
 
     # -- outputs --
 

@@ -88,7 +88,7 @@ class Wait:
         return StepEnd("succeeded") if self._left_ns <= 0 else None
 
 
-class GoalRun:
+class StepGoal:
     """A goal at its action server, which flies it once, however often it is sent.
 
     Args:

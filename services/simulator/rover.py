@@ -20,7 +20,7 @@ WHEELBASE_HALF_M = 0.4
 """Distance from the rover's middle at which its front, rear and side wheels touch the ground."""
 
 
-class Rover:
+class RoverModel:
     """Turns speed and yaw rate into the platform's pose; stands still unless driven.
 
     Args:

@@ -67,7 +67,7 @@ class _Bias:
         return self.value
 
 
-class Imu:
+class ImuModel:
     """Accelerometer and gyroscope at the centre of mass, one sample per physics step."""
 
     def __init__(self, config: ImuConfig, seed: int, dt_s: float) -> None:
@@ -104,7 +104,7 @@ class Imu:
         return acc, gyro
 
 
-class Gnss:
+class GnssModel:
     """Fixes with white noise on a wandering error, which the velocity doesn't show."""
 
     def __init__(self, config: GnssConfig, origin: OriginConfig, seed: int) -> None:
@@ -137,7 +137,7 @@ class Gnss:
         )
 
 
-class Barometer:
+class BarometerModel:
     """Static pressure of the standard atmosphere with a wandering error."""
 
     def __init__(self, config: BarometerConfig, origin: OriginConfig, seed: int) -> None:
@@ -157,7 +157,7 @@ class Barometer:
         )
 
 
-class Magnetometer:
+class MagnetometerModel:
     """The place's field in the body's axes; the bias is the rest of the hard-iron error after calibration.
 
     Attributes:
@@ -180,7 +180,7 @@ class Magnetometer:
         return messages.Magnetometer(t_ns=t_ns, field_frd_gauss=(x + std * n(), y + std * n(), z + std * n()))
 
 
-class Altimeter:
+class AltimeterModel:
     """Laser range; nothing between its limits is None."""
 
     def __init__(self, config: AltimeterConfig, mount: AltimeterMountConfig, seed: int) -> None:
@@ -207,7 +207,7 @@ class _Anchor(NamedTuple):
     wander_m: Wander
 
 
-class Uwb:
+class UwbModel:
     """Ranges from the vehicle's tag to the platform's anchors, each with its own wandering bias."""
 
     def __init__(self, config: UwbConfig, layout: UwbLayoutConfig, seed: int) -> None:
@@ -255,7 +255,7 @@ class Uwb:
         return float(self._blocking.uniform(config.detour_min_m, config.detour_max_m))
 
 
-class RoverOdometry:
+class RoverOdometryModel:
     """Wheels, compass and IMU of the rover, and the path that is dead reckoned from where it started."""
 
     def __init__(self, config: RoverOdometryConfig, seed: int) -> None:

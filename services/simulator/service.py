@@ -19,12 +19,12 @@ from jezero.services.simulator.drive import Drive
 from jezero.services.simulator.ground_reply import ground_reply
 from jezero.services.simulator.hil import HilPort
 from jezero.services.simulator.noise import generator, normals_of
-from jezero.services.simulator.rover import Rover
+from jezero.services.simulator.rover import RoverModel
 from jezero.services.simulator.rover_port import ROVER, RoverPort
 from jezero.services.simulator.schedule import Schedule
 from jezero.services.simulator.terrain import make_terrain
 from jezero.services.simulator.uav import Uav
-from jezero.services.simulator.wind import Wind
+from jezero.services.simulator.wind import WindModel
 
 STEPS_PER_S = 250
 DT_S = 1.0 / STEPS_PER_S
@@ -84,19 +84,19 @@ class Simulator:
         self._hil = HilPort()
         self._rover_port = RoverPort()
         self._reported = Health("ok", "")
-        self._rover = Rover(config.rover, terrain, vehicle.platform.height_m)
+        self._rover = RoverModel(config.rover, terrain, vehicle.platform.height_m)
         self._drive = Drive(config.rover)
         self._world = World(config, vehicle, terrain, self._rover.state)
         self._uav = Uav(config, vehicle.airframe, DT_S)
-        self._wind = Wind(config.wind, DT_S, normals_of(generator(seed, "wind")))
+        self._wind = WindModel(config.wind, DT_S, normals_of(generator(seed, "wind")))
         self._height_rotor_m = inf
-        self._imu = sensors.Imu(config.imu, seed, DT_S)
-        self._gnss = sensors.Gnss(config.gnss, config.origin, seed)
-        self._baro = sensors.Barometer(config.barometer, config.origin, seed)
-        self._mag = sensors.Magnetometer(config.magnetometer, config.origin, seed)
-        self._altimeter = sensors.Altimeter(config.altimeter, vehicle.altimeter, seed)
-        self._uwb = sensors.Uwb(config.uwb, vehicle.uwb, seed)
-        self._odometry = sensors.RoverOdometry(config.rover_odometry, seed)
+        self._imu = sensors.ImuModel(config.imu, seed, DT_S)
+        self._gnss = sensors.GnssModel(config.gnss, config.origin, seed)
+        self._baro = sensors.BarometerModel(config.barometer, config.origin, seed)
+        self._mag = sensors.MagnetometerModel(config.magnetometer, config.origin, seed)
+        self._altimeter = sensors.AltimeterModel(config.altimeter, vehicle.altimeter, seed)
+        self._uwb = sensors.UwbModel(config.uwb, vehicle.uwb, seed)
+        self._odometry = sensors.RoverOdometryModel(config.rover_odometry, seed)
         self._make_schedules(config)
 
     def _make_schedules(self, config: SimulatorConfig) -> None:
@@ -188,7 +188,7 @@ class Simulator:
         """Put vehicle and rover back to their start; delayed readings of the old epoch are dropped."""
         self._hil = HilPort()
         self._uav.stop()
-        self._rover = Rover(self._config.rover, self._terrain, self._vehicle.platform.height_m)
+        self._rover = RoverModel(self._config.rover, self._terrain, self._vehicle.platform.height_m)
         self._drive = Drive(self._config.rover)
         self._odometry.restart()
         self._world.move_rover(self._rover.state)

@@ -80,7 +80,7 @@ class _Transverse:
         return 0.5 * self._x + 0.8660254037844386 * self._dx
 
 
-class Wind:
+class WindModel:
     """Wind at the vehicle, advanced by one step at a time.
 
     Args:

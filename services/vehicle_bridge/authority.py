@@ -35,7 +35,14 @@ from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.fence import FenceKeeper
 from jezero.services.vehicle_bridge.flight_monitor import Disarming, EngagementTimer, FlightMonitor
 from jezero.services.vehicle_bridge.takeover import TakeoverDetector, UnarmableModeDetector
-from jezero.services.vehicle_bridge.vehicle import LAND, OFFBOARD, Command, ResetHistory, Target, VehicleSnapshot
+from jezero.services.vehicle_bridge.vehicle import (
+    LAND,
+    OFFBOARD,
+    AutopilotCommand,
+    ResetHistory,
+    Target,
+    VehicleSnapshot,
+)
 
 MAX_AGE_NS = 300_000_000
 """A setpoint is flown up to this age."""
@@ -92,7 +99,7 @@ class Authority:
         self.text = "the bridge has started"
         self.target: Target | None = None
         self.streamed: Target | None = None
-        self.command: Command | None = None
+        self.command: AutopilotCommand | None = None
         self.taking_back = self.killing = False
         self.changes: list[ControlState] = []
         self.interventions = 0
@@ -263,7 +270,7 @@ class Authority:
     def update(self, vehicle: VehicleSnapshot, departed: Collection[str] = ()) -> None:
         """Judge safety and time-outs once in each step, after all requests; `departed` are services that vanished."""
         arm_commanded = self._arm_pending
-        if vehicle.armed or vehicle.acknowledged in (Command.DISARM, Command.FORCE_DISARM):
+        if vehicle.armed or vehicle.acknowledged in (AutopilotCommand.DISARM, AutopilotCommand.FORCE_DISARM):
             self._arm_pending = False
         flying = self.code not in (StatusCode.IDLE, StatusCode.EXTERNAL)
         self._monitor.update(vehicle, self.streamed, flying=flying)
@@ -284,7 +291,7 @@ class Authority:
         elif late:
             self.text, self.target = late, stopping_target(self.target, vehicle)
         self.command = self._advance(vehicle)
-        self._arm_pending |= self.command is Command.ARM
+        self._arm_pending |= self.command is AutopilotCommand.ARM
         self.streamed = self._fence.limited(self.target, vehicle, self.code)
 
     def _judge_flight(self, vehicle: VehicleSnapshot, *, left_fence: bool) -> None:
@@ -325,13 +332,13 @@ class Authority:
             doing = status_words(self.code)
             self._lose_control("failsafe", f"the autopilot disarmed while {doing}{because}", vehicle)
 
-    def _advance(self, vehicle: VehicleSnapshot) -> Command | None:
+    def _advance(self, vehicle: VehicleSnapshot) -> AutopilotCommand | None:
         """Change the code where time or the vehicle's state says so; returns the command to the autopilot."""
         code = self.code
         if code is StatusCode.EXTERNAL:
             return self._advance_external(vehicle)
         if code is StatusCode.IDLE:
-            return Command.HOLD if self._unarmable_mode.update(vehicle) else None
+            return AutopilotCommand.HOLD if self._unarmable_mode.update(vehicle) else None
         if code in IN_PROGRESS:
             return self._engage(vehicle)
         if code is StatusCode.ABORT:
@@ -345,7 +352,7 @@ class Authority:
             self.text += "; it returns inside the fence"
         return None
 
-    def _engage(self, vehicle: VehicleSnapshot) -> Command | None:
+    def _engage(self, vehicle: VehicleSnapshot) -> AutopilotCommand | None:
         if self._engaged or self.grant is None or self.grant.is_late:
             return None
         if vehicle.armed and vehicle.mode == OFFBOARD:
@@ -353,12 +360,12 @@ class Authority:
         elif self._engagement.is_overdue(vehicle):
             self._revoke(f"{self.grant.name} ended: could not arm in offboard mode: {vehicle.failure_reason}", vehicle)
         elif self._engagement.may_command(vehicle) and vehicle.mode == OFFBOARD:
-            return Command.ARM
+            return AutopilotCommand.ARM
         elif self._engagement.may_command(vehicle) and not self._takeover.was_offboard:
-            return Command.OFFBOARD
+            return AutopilotCommand.OFFBOARD
         return None
 
-    def _advance_abort(self, vehicle: VehicleSnapshot) -> Command | None:
+    def _advance_abort(self, vehicle: VehicleSnapshot) -> AutopilotCommand | None:
         if vehicle.landed is not self._abort_maneuver.on_ground and not self._plan_abort(vehicle):
             return None
         if self._abort_maneuver.on_ground:
@@ -368,7 +375,7 @@ class Authority:
             self._set_code(StatusCode.HOVER, vehicle)
         return None
 
-    def _disarm(self, vehicle: VehicleSnapshot) -> Command | None:
+    def _disarm(self, vehicle: VehicleSnapshot) -> AutopilotCommand | None:
         elapsed_s = self._code_age_s(vehicle)
         if vehicle.armed is False and not self._arm_pending:
             self.target = None
@@ -380,10 +387,10 @@ class Authority:
             return None
         return self._disarming.command(vehicle)
 
-    def _advance_external(self, vehicle: VehicleSnapshot) -> Command | None:
+    def _advance_external(self, vehicle: VehicleSnapshot) -> AutopilotCommand | None:
         if self.killing:
             self.killing = vehicle.armed is not False or self._arm_pending
-            return Command.FORCE_DISARM if self.killing else None
+            return AutopilotCommand.FORCE_DISARM if self.killing else None
         if vehicle.armed is False:
             self.taking_back = self._land_commanded = False
             self.target = None
@@ -397,15 +404,15 @@ class Authority:
         if handover is not None and not self._land_commanded:
             self._external_holder, self.text = handover
         self._land_commanded &= vehicle.mode != LAND
-        return Command.LAND if self._land_commanded else None
+        return AutopilotCommand.LAND if self._land_commanded else None
 
-    def _advance_taking_back(self, vehicle: VehicleSnapshot) -> Command | None:
+    def _advance_taking_back(self, vehicle: VehicleSnapshot) -> AutopilotCommand | None:
         if self._engagement.is_overdue(vehicle):
             self.taking_back = False
             self.target = None
             self.text = f"control could not be taken back: {vehicle.failure_reason}"
         elif self._engagement.may_command(vehicle) and vehicle.mode != OFFBOARD:
-            return Command.OFFBOARD
+            return AutopilotCommand.OFFBOARD
         elif self._engagement.may_command(vehicle):
             self.taking_back = False
             self._engaged = True

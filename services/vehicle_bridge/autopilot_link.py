@@ -13,7 +13,7 @@ from jezero.schemas.state import Battery, Geodetic, Odometry
 from jezero.services.vehicle_bridge.fence import FenceUpload
 from jezero.services.vehicle_bridge.parameters import ParameterSetter
 from jezero.services.vehicle_bridge.takeover import SetpointEcho
-from jezero.services.vehicle_bridge.vehicle import Command, ResetHistory, Target, mode_name
+from jezero.services.vehicle_bridge.vehicle import AutopilotCommand, ResetHistory, Target, mode_name
 
 COMPONENT_ID = dialect.MAV_COMP_ID_ONBOARD_COMPUTER
 AUTOPILOT_COMPONENT_ID = dialect.MAV_COMP_ID_AUTOPILOT1
@@ -46,13 +46,13 @@ INTERVALS_US = {
 }
 """Period of each MAVLink message that the bridge requests from the autopilot, in µs."""
 
-_COMMANDS: dict[Command, tuple[int, tuple[float, float, float]]] = {
-    Command.OFFBOARD: (dialect.MAV_CMD_DO_SET_MODE, (1.0, 6.0, 0.0)),
-    Command.HOLD: (dialect.MAV_CMD_DO_SET_MODE, (1.0, 4.0, 3.0)),
-    Command.LAND: (dialect.MAV_CMD_DO_SET_MODE, (1.0, 4.0, 6.0)),
-    Command.ARM: (dialect.MAV_CMD_COMPONENT_ARM_DISARM, (1.0, 0.0, 0.0)),
-    Command.DISARM: (dialect.MAV_CMD_COMPONENT_ARM_DISARM, (0.0, 0.0, 0.0)),
-    Command.FORCE_DISARM: (dialect.MAV_CMD_COMPONENT_ARM_DISARM, (0.0, FORCE, 0.0)),
+_COMMANDS: dict[AutopilotCommand, tuple[int, tuple[float, float, float]]] = {
+    AutopilotCommand.OFFBOARD: (dialect.MAV_CMD_DO_SET_MODE, (1.0, 6.0, 0.0)),
+    AutopilotCommand.HOLD: (dialect.MAV_CMD_DO_SET_MODE, (1.0, 4.0, 3.0)),
+    AutopilotCommand.LAND: (dialect.MAV_CMD_DO_SET_MODE, (1.0, 4.0, 6.0)),
+    AutopilotCommand.ARM: (dialect.MAV_CMD_COMPONENT_ARM_DISARM, (1.0, 0.0, 0.0)),
+    AutopilotCommand.DISARM: (dialect.MAV_CMD_COMPONENT_ARM_DISARM, (0.0, 0.0, 0.0)),
+    AutopilotCommand.FORCE_DISARM: (dialect.MAV_CMD_COMPONENT_ARM_DISARM, (0.0, FORCE, 0.0)),
 }
 _RESULTS = {
     dialect.MAV_RESULT_TEMPORARILY_REJECTED: "temporarily rejected",
@@ -154,10 +154,10 @@ class AutopilotLink:
         self.parameters = ParameterSetter(parameters)
         self.fence = FenceUpload(system_id)
         self._fence_items = b""
-        self.acknowledged: Command | None = None
+        self.acknowledged: AutopilotCommand | None = None
         self._system_id = system_id
         self._codec = MavlinkCodec(system_id, COMPONENT_ID, peer=(system_id, AUTOPILOT_COMPONENT_ID))
-        self._present: Command | None = None
+        self._present: AutopilotCommand | None = None
         self._next_try_ns = 0
         self._tries = 0
         self._refusal = ""
@@ -394,7 +394,7 @@ class AutopilotLink:
             _SETPOINT, t_ms, *motion, mask, self._system_id, AUTOPILOT_COMPONENT_ID, _LOCAL_NED
         )
 
-    def command(self, command: Command | None, timer_ns: int) -> bytes:
+    def command(self, command: AutopilotCommand | None, timer_ns: int) -> bytes:
         """Bytes that are due now for a command; call it in each step with the same command until it has an effect."""
         if command is not self._present:
             self._present = command

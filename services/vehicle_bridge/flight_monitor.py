@@ -6,7 +6,7 @@ from jezero.base.frames import horizontal, norm, subtract
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.services.vehicle_bridge.admission import force_disarm_refusal
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
-from jezero.services.vehicle_bridge.vehicle import LINK_TIMEOUT_S, OFFBOARD, Command, Target, VehicleSnapshot
+from jezero.services.vehicle_bridge.vehicle import LINK_TIMEOUT_S, OFFBOARD, AutopilotCommand, Target, VehicleSnapshot
 
 STREAM_LEAD_S = 0.2
 """Setpoints are streamed for this time before the autopilot is commanded into offboard mode."""
@@ -133,10 +133,10 @@ class Disarming:
         self.by_force = False
         self._robot = robot
 
-    def command(self, vehicle: VehicleSnapshot) -> Command:
+    def command(self, vehicle: VehicleSnapshot) -> AutopilotCommand:
         """The command to the autopilot."""
         by_force = self.by_force and not vehicle.landed and not force_disarm_refusal(vehicle, self._robot)
-        return Command.FORCE_DISARM if by_force else Command.DISARM
+        return AutopilotCommand.FORCE_DISARM if by_force else AutopilotCommand.DISARM
 
     def overdue_reason(self, vehicle: VehicleSnapshot, elapsed_s: float) -> str:
         """Reason to leave the vehicle to the autopilot, or ""."""

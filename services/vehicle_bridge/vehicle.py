@@ -31,7 +31,7 @@ def mode_name(custom_mode: int) -> str:
     return f"{name}.{_AUTO_MODES.get(sub, sub)}" if main == 4 else name
 
 
-class Command(StrEnum):
+class AutopilotCommand(StrEnum):
     """A command to the autopilot, repeated until the vehicle's state shows its effect."""
 
     OFFBOARD = "offboard mode"
@@ -101,7 +101,7 @@ class VehicleSnapshot(msgspec.Struct, frozen=True, kw_only=True):
     telemetry_age_s: float = 0.0
     failed_checks: tuple[Check, ...] = ()
     not_ready_reason: str | None = None
-    acknowledged: Command | None = None
+    acknowledged: AutopilotCommand | None = None
     command_failure: str = ""
     router_lost_s: float = 0.0
 

@@ -50,7 +50,7 @@ def wind_ned_mps(acc_ned_mps2: Vec3, vel_ned_mps: Vec3, q_ned_from_frd: Quat, ai
     )
 
 
-class Wind(msgspec.Struct, frozen=True):
+class EstimatedWind(msgspec.Struct, frozen=True):
     """The wind of the last seconds.
 
     Attributes:
@@ -83,11 +83,11 @@ class WindEstimator:
         self._middle: Odometry | None = None
 
     @property
-    def wind(self) -> Wind | None:
+    def wind(self) -> EstimatedWind | None:
         """None until enough samples are there."""
         if self._samples < SAMPLES_MIN:
             return None
-        return Wind((self._north_mps, self._east_mps, 0.0), sqrt(self._var_m2ps2))
+        return EstimatedWind((self._north_mps, self._east_mps, 0.0), sqrt(self._var_m2ps2))
 
     def update(self, odometry: Odometry, vehicle: VehicleSnapshot) -> None:
         """Add one odometry of the vehicle, which is in this state."""

@@ -51,7 +51,7 @@ from jezero.services.estimator.tag_detector.service import TagDetector
 from jezero.services.simulator import sensors
 from jezero.services.simulator.body import BodyState, RoverState
 from jezero.services.simulator.camera.config import CameraConfig, ProjectionConfig
-from jezero.services.simulator.camera.service import Camera
+from jezero.services.simulator.camera.service import CameraSimulator
 from jezero.services.simulator.config import SimulatorConfig, UwbConfig
 from jezero.services.simulator.service import Simulator
 from jezero.services.vehicle_bridge.admission import force_disarm_refusal
@@ -127,7 +127,7 @@ def odometry(t_ns: int) -> Odometry:
 
 def seen_corners(vehicle: VehicleConfig, pos_uav_ned_m: Vec3) -> TagCorners:
     """Corners in one picture of the projecting camera."""
-    camera = Camera(EXACT, vehicle, None, seed=1)
+    camera = CameraSimulator(EXACT, vehicle, None, seed=1)
     corners: list[TagCorners] = published(
         topics.TAG_CORNERS, [camera], [(NS_PER_S, topics.SCENE, scene(pos_uav_ned_m))]
     )
@@ -189,7 +189,7 @@ def arrivals(vehicle: VehicleConfig, pos_uav_ned_m: Vec3) -> Arrivals:
     """
     center_ned_m = add(pos_uav_ned_m, (0.0, 0.0, -vehicle.airframe.height_stand_m))
     body, rover = BodyState(center_ned_m, ZERO, LEVEL, ZERO, ZERO), RoverState(ZERO, ZERO, LEVEL, ZERO, 0.0, 0.0, 0.0)
-    uwb = sensors.Uwb(UwbConfig(std_m=0.002, std_bias_m=0.0), vehicle.uwb, seed=1)
+    uwb = sensors.UwbModel(UwbConfig(std_m=0.002, std_bias_m=0.0), vehicle.uwb, seed=1)
     lens_ned_m = add(center_ned_m, quat_rotate(LEVEL, vehicle.altimeter.pos_altimeter_frd_m))
     found: Arrivals = [(0, topics.CLOCK, Clock(t_ns=0, epoch_id=1, wall_ns=0))]
     for t_ns in range(20 * MS, 4 * NS_PER_S, 20 * MS):

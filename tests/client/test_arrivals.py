@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from jezero.client.errors import TimedOut
-from jezero.client.session import ARRIVALS_MAX, Arrivals
+from jezero.client.session import ARRIVALS_MAX, ReplyArrivals
 
 
 def reply(data: bytes, header: bytes | None = None) -> Any:
@@ -21,7 +21,7 @@ def refusal(text: bytes) -> Any:
 
 
 def test_replies_are_taken_in_order_and_then_the_end() -> None:
-    arrivals = Arrivals()
+    arrivals = ReplyArrivals()
     arrivals.on_reply(reply(b"one"))
     arrivals.on_reply(reply(b"pixels", b"header"))
     arrivals.on_end()
@@ -30,13 +30,13 @@ def test_replies_are_taken_in_order_and_then_the_end() -> None:
 
 
 def test_whoever_waits_is_woken_by_a_reply() -> None:
-    arrivals = Arrivals()
+    arrivals = ReplyArrivals()
     threading.Timer(0.05, arrivals.on_reply, [reply(b"late")]).start()
     assert arrivals.take(time.monotonic() + 5.0) == b"late"
 
 
 def test_an_error_is_kept_and_ends_nothing() -> None:
-    arrivals = Arrivals()
+    arrivals = ReplyArrivals()
     arrivals.on_reply(refusal(b"Timeout"))
     with pytest.raises(TimedOut):
         arrivals.take(time.monotonic())
@@ -44,7 +44,7 @@ def test_an_error_is_kept_and_ends_nothing() -> None:
 
 
 def test_what_is_there_is_taken_even_after_the_deadline() -> None:
-    arrivals = Arrivals()
+    arrivals = ReplyArrivals()
     arrivals.on_reply(reply(b"there"))
     assert arrivals.take(time.monotonic() - 1.0) == b"there"
     with pytest.raises(TimedOut):
@@ -52,7 +52,7 @@ def test_what_is_there_is_taken_even_after_the_deadline() -> None:
 
 
 def test_of_more_than_are_kept_the_oldest_are_dropped() -> None:
-    arrivals = Arrivals()
+    arrivals = ReplyArrivals()
     for number in range(ARRIVALS_MAX + 3):
         arrivals.on_reply(reply(b"%d" % number))
     assert arrivals.take(None) == b"3"

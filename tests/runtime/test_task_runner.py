@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from jezero.runtime import task_runner
-from jezero.runtime.task import Outcome
+from jezero.runtime.task import TaskOutcome
 from jezero.runtime.task_runner import TaskRunner
 
 DEADLINE_S = 20.0
@@ -23,10 +23,10 @@ class Tasks:
     """A runner with the outcomes of its tasks."""
 
     def __init__(self) -> None:
-        self.outcomes: queue.SimpleQueue[tuple[str, Outcome]] = queue.SimpleQueue()
+        self.outcomes: queue.SimpleQueue[tuple[str, TaskOutcome]] = queue.SimpleQueue()
         self.runner = TaskRunner(lambda tag, outcome: self.outcomes.put((tag, outcome)))
 
-    def outcome(self, function: Callable[[], Any]) -> Outcome:
+    def outcome(self, function: Callable[[], Any]) -> TaskOutcome:
         self.runner.add(function, "task")
         return self.outcomes.get(timeout=DEADLINE_S)[1]
 
@@ -59,7 +59,7 @@ def test_tasks_are_executed_one_after_the_other_in_one_other_process(tasks: Task
     tasks.runner.add(os.getpid, "third")
     outcomes = [tasks.outcomes.get(timeout=DEADLINE_S) for _ in range(3)]
     assert [tag for tag, _ in outcomes] == ["first", "second", "third"]
-    assert outcomes[1][1] == Outcome(3.0)
+    assert outcomes[1][1] == TaskOutcome(3.0)
     assert outcomes[0][1] == outcomes[2][1]
     assert outcomes[0][1].value != os.getpid()
 
@@ -71,7 +71,7 @@ def test_what_a_task_raises_is_its_error(tasks: Tasks, capfd: pytest.CaptureFixt
 
 
 def test_what_a_task_prints_does_not_disturb_its_value(tasks: Tasks) -> None:
-    assert tasks.outcome(partial(print, "hello")) == Outcome(None)
+    assert tasks.outcome(partial(print, "hello")) == TaskOutcome(None)
 
 
 @pytest.mark.parametrize(
@@ -90,7 +90,7 @@ def test_a_task_whose_process_is_killed_has_an_error_and_the_next_one_a_new_proc
 ) -> None:
     tasks.runner.add(partial(announce_and_hang, tmp_path / "pid"), "killed")
     os.kill(wait_for_pid(tmp_path / "pid"), signal.SIGKILL)
-    assert tasks.outcomes.get(timeout=DEADLINE_S) == ("killed", Outcome(None, "its process ended with SIGKILL"))
+    assert tasks.outcomes.get(timeout=DEADLINE_S) == ("killed", TaskOutcome(None, "its process ended with SIGKILL"))
     assert tasks.outcome(partial(math.sqrt, 4.0)).value == 2.0
 
 
@@ -101,9 +101,9 @@ def test_a_cancel_ends_a_task_at_once_even_if_it_keeps_the_interpreter(tasks: Ta
     tasks.runner.cancel("waiting")
     canceled_s = time.monotonic()
     tasks.runner.cancel("running")
-    assert tasks.outcomes.get(timeout=DEADLINE_S) == ("running", Outcome(None, "canceled"))
+    assert tasks.outcomes.get(timeout=DEADLINE_S) == ("running", TaskOutcome(None, "canceled"))
     assert time.monotonic() - canceled_s < 1.0
-    assert tasks.outcomes.get(timeout=DEADLINE_S) == ("waiting", Outcome(None, "canceled"))
+    assert tasks.outcomes.get(timeout=DEADLINE_S) == ("waiting", TaskOutcome(None, "canceled"))
     assert not Path(f"/proc/{pid}").exists()
     tasks.runner.cancel("running")
     assert tasks.outcome(partial(math.sqrt, 4.0)).value == 2.0

@@ -17,7 +17,7 @@ from jezero.schemas.goals import AreaCoverageGoal, GetImagesGoal, TakeoffGoal
 from jezero.schemas.rows import Action
 from jezero.schemas.state import StatusCode
 from jezero.services.simulator.camera.config import CameraConfig
-from jezero.services.simulator.camera.service import Camera
+from jezero.services.simulator.camera.service import CameraSimulator
 from jezero.trials.stack import SYSTEM_ID, boot_id, service_makers, wired_bus
 from tests.scenario.rig import Flight, go_to, land_at
 
@@ -41,7 +41,7 @@ class BridgeFlight(Flight):
         if autopilot is not None:
             self._makers["autopilot"] = lambda _: autopilot[0]
         camera, vehicle = load_config(CameraConfig, "camera"), load_config(VehicleConfig, "vehicle")
-        self._makers["camera"] = lambda _: Camera(camera, vehicle, Black(vehicle.camera), seed)
+        self._makers["camera"] = lambda _: CameraSimulator(camera, vehicle, Black(vehicle.camera), seed)
         self._boots = 0
         super().__init__(seed, self._make_bus)
 

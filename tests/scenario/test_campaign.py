@@ -16,7 +16,7 @@ from jezero.trials.campaign.campaign import CampaignReport, fly_campaign
 from jezero.trials.campaign.clients import draw_goal
 from jezero.trials.campaign.faults import FAULT_COUNTS, PARTITION_MAX_S, Fault, Kind, draw_faults
 from jezero.trials.campaign.judge import ALLOWED
-from jezero.trials.campaign.mission import Mission, fly_mission, named_random
+from jezero.trials.campaign.mission import CampaignMission, fly_mission, named_random
 from jezero.trials.campaign.worlds import WORLDS
 from tests.scenario.rig import Flight, go_to
 
@@ -64,7 +64,7 @@ def test_the_judges_table_of_transitions_equals_the_bridges() -> None:
 
 @pytest.mark.long
 def test_a_vehicle_whose_simulator_is_gone_needs_no_commander() -> None:
-    mission = Mission(1)
+    mission = CampaignMission(1)
     mission.faults = [
         Fault(Kind.KILL, "vehicle_bridge", "bus", start_s=7.0, duration_s=1.6),
         Fault(Kind.KILL, "simulator", "bus", start_s=7.6, duration_s=2.0),

@@ -10,7 +10,7 @@ from jezero.recording.journals import journaled_services
 from jezero.replay.through import Replay, replay_through
 from jezero.schemas import topics
 from jezero.schemas.goals import AreaCoverageGoal, GetImagesGoal, LandOnSpotGoal, TakeoffGoal
-from jezero.trials.campaign.mission import Mission
+from jezero.trials.campaign.mission import CampaignMission
 from jezero.trials.flight import fly_virtually
 from jezero.trials.recording import virtual_recording
 
@@ -61,7 +61,7 @@ def test_every_service_of_a_flight_with_lossless_images_is_replayed_identically(
 def test_services_of_a_mission_with_faults_are_replayed_identically(seed: int, tmp_path: Path) -> None:
     path = tmp_path / "flight.mcap"
     with virtual_recording(path, seed) as writer:
-        Mission(seed, record=writer.write).fly()
+        CampaignMission(seed, record=writer.write).fly()
     of_the_mission = {"simulator", "blank_camera"}  # the first one's outputs are changed by faults before they are sent
     services = sorted(set(journaled_services(path)) - of_the_mission)
     assert first_differences(path, services) == {}

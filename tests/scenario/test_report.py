@@ -12,7 +12,7 @@ from jezero.cli.main import main
 from jezero.recording import open_recording
 from jezero.recording.folder import RECORDINGS
 from jezero.recording.writer import RECORDING, RecordingWriter
-from jezero.report.landings import Landing, Series, landings
+from jezero.report.landings import RecordedLanding, Series, landings
 from jezero.trials.flight import FlightResult, fly_virtually
 from jezero.trials.missions import FLIGHT
 
@@ -27,7 +27,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, FlightResult]
 
 
 @pytest.fixture(scope="module")
-def landing(flown: tuple[Path, FlightResult]) -> Landing:
+def landing(flown: tuple[Path, FlightResult]) -> RecordedLanding:
     (landing,) = landings(list(open_recording(flown[0]).messages()))
     return landing
 
@@ -36,7 +36,7 @@ def report(*words: str | Path) -> Result:
     return CliRunner().invoke(main, ["report", *map(str, words)])
 
 
-def rms_m(landing: Landing, measured: Series) -> float:
+def rms_m(landing: RecordedLanding, measured: Series) -> float:
     error_m = measured.values - landing.true_relative.at(measured.t_s)
     return float(np.sqrt(np.mean(np.sum(error_m**2, axis=1))))
 
@@ -54,7 +54,7 @@ def test_the_demonstration_lands_on_the_rover_and_a_report_draws_it(flown: tuple
 
 
 @pytest.mark.long
-def test_a_landing_is_read_from_its_log(flown: tuple[Path, FlightResult], landing: Landing) -> None:
+def test_a_landing_is_read_from_its_log(flown: tuple[Path, FlightResult], landing: RecordedLanding) -> None:
     assert [name for name, _, _ in landing.phases] == ["approach", "descent", "contact"]
     assert landing.phases[0][1] == 0.0
     assert landing.phases[-1][2] == landing.disarmed_s
@@ -63,7 +63,7 @@ def test_a_landing_is_read_from_its_log(flown: tuple[Path, FlightResult], landin
     assert np.hypot(*landing.touchdown_rover_body_m) == pytest.approx(flown[1].touchdown_error_m, abs=1e-3)
 
 
-def test_estimate_ranges_and_tag_measure_the_same_point_as_the_truth(landing: Landing) -> None:
+def test_estimate_ranges_and_tag_measure_the_same_point_as_the_truth(landing: RecordedLanding) -> None:
     low = landing.true_relative.at(landing.tag.t_s)[:, 2] > -2.0
     assert rms_m(landing, landing.tag.where(low)) < 0.03
     low = landing.true_relative.at(landing.uwb.t_s)[:, 2] > -2.0
@@ -93,7 +93,7 @@ def test_a_folder_or_file_without_a_flight_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_a_recording_without_truth_has_the_same_figures_of_a_landing(
-    flown: tuple[Path, FlightResult], landing: Landing, tmp_path: Path
+    flown: tuple[Path, FlightResult], landing: RecordedLanding, tmp_path: Path
 ) -> None:
     recording = tmp_path / RECORDING
     kept = [topic for topic in open_recording(flown[0]).summary().counts if topic not in TRUE_TOPICS]

@@ -37,7 +37,7 @@ from jezero.trials.campaign.judge import Judge, TruthJudge, Violation
 from jezero.trials.campaign.judge_actions import GoalRecord, LandOnSpotJudge, PauseJudge, ServerJudge
 from jezero.trials.campaign.judge_control import AutopilotJudge, BridgeJudge
 from jezero.trials.campaign.missions import ENDS, MISSION_PROBABILITY, MissionClient, MissionJudge, MissionLog
-from jezero.trials.campaign.worlds import PHYSICS, WORLDS, FaultySensors, World
+from jezero.trials.campaign.worlds import PHYSICS, WORLDS, CampaignWorld, FaultySensors
 from jezero.trials.recording import MessageDigest, virtual_recording
 from jezero.trials.stack import mission_maker
 
@@ -83,7 +83,7 @@ def named_random(seed: int, name: str) -> Random:
     return Random(zlib.crc32(f"campaign/{seed}/{name}".encode()))
 
 
-class Mission:
+class CampaignMission:
     """A stack with its judges, clients and faults.
 
     Args:
@@ -98,7 +98,7 @@ class Mission:
         self,
         seed: int,
         on_event: Callable[[str], None] = lambda text: None,
-        world: World = PHYSICS,
+        world: CampaignWorld = PHYSICS,
         fault_counts: range = FAULT_COUNTS,
         record: Observer | None = None,
     ) -> None:
@@ -351,11 +351,11 @@ def fly_mission(
     Raises:
         OSError: the recording can't be written.
     """
-    report = Mission(seed, on_event, WORLDS[world], fault_counts).fly()
+    report = CampaignMission(seed, on_event, WORLDS[world], fault_counts).fly()
     if not report.violations or recordings is None:
         return report
     path = recordings / f"{world}-{seed}" / RECORDING
     faults = f"{fault_counts.start}..{fault_counts.stop - 1}"
     with virtual_recording(path, seed, world=world, faults=faults) as writer:
-        Mission(seed, world=WORLDS[world], fault_counts=fault_counts, record=writer.write).fly()
+        CampaignMission(seed, world=WORLDS[world], fault_counts=fault_counts, record=writer.write).fly()
     return msgspec.structs.replace(report, recording=str(path))

@@ -32,8 +32,8 @@ from jezero.schemas.sensors import Altimeter
 from jezero.schemas.state import Clock, Truth
 from jezero.schemas.units import GRAVITY_MPS2
 from jezero.services.autopilot.alignment import ALIGN_US, Fix
-from jezero.services.autopilot.config import AutopilotConfig, EstimatorConfig
-from jezero.services.autopilot.control import Kinematics, Setpoint, VelocityLoop
+from jezero.services.autopilot.config import AutopilotConfig, StateEstimatorConfig
+from jezero.services.autopilot.control import ControlSetpoint, Kinematics, VelocityLoop
 from jezero.services.autopilot.hil import SensorSample
 from jezero.services.autopilot.land_detector import CLIMB_SETPOINT_MIN_MPS, LandDetector
 from jezero.services.autopilot.mavlink_interface import MavlinkInterface
@@ -42,7 +42,7 @@ from jezero.services.autopilot.multicopter import LIFTOFF_SPEED_MIN_MPS, SPOOLUP
 from jezero.services.autopilot.parameters import Parameters
 from jezero.services.autopilot.reset_detector import ResetDetector
 from jezero.services.autopilot.telemetry import OFFBOARD
-from jezero.services.autopilot.vehicle import Vehicle
+from jezero.services.autopilot.vehicle import AutopilotVehicle
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.schedule import Schedule
 from jezero.trials.campaign.faults import AUTOPILOT, HIL, MAVLINK, SENSOR_KINDS, SIMULATOR, Fault, SensorFault
@@ -129,7 +129,7 @@ class PointEstimate:
     estimate to the sensor, as in the autopilot's estimator.
     """
 
-    def __init__(self, config: EstimatorConfig, point: Point, origin_deg: Vec3) -> None:
+    def __init__(self, config: StateEstimatorConfig, point: Point, origin_deg: Vec3) -> None:
         self.origin_deg: Vec3 | None = origin_deg
         self.t_us = 0
         self.reset_counter = 0
@@ -150,7 +150,7 @@ class PointEstimate:
         if self._started_us is None:
             self._started_us = t_us
 
-    def configure(self, config: EstimatorConfig) -> None:
+    def configure(self, config: StateEstimatorConfig) -> None:
         """Apply new settings."""
         self._config = config
 
@@ -309,7 +309,7 @@ class PointPilot:
         self.yaw_rate_rps = 0.0
         self.wanted_ned_mps2: Vec3 = (0.0, 0.0, GRAVITY_MPS2)
 
-    def step(self, dt: float, setpoint: Setpoint, *, allow_takeoff: bool) -> Commands:
+    def step(self, dt: float, setpoint: ControlSetpoint, *, allow_takeoff: bool) -> Commands:
         """See `FlightController`."""
         at, detector, armed_s = self.kinematics, self.detector, self._armed_s + dt
         force_ned_mps2: Vec3 = (0.0, 0.0, -LIFT_OFF * GRAVITY_MPS2)
@@ -331,7 +331,7 @@ class PointPilot:
             detector.step(dt, at.vel_ned_mps, NO_RATES, self._loop.vel_setpoint_ned_mps[2], thrust_hover_ratio)
         return commands
 
-    def _turn(self, dt: float, yaw_rad: float, setpoint: Setpoint) -> None:
+    def _turn(self, dt: float, yaw_rad: float, setpoint: ControlSetpoint) -> None:
         c, rate_rps = self._control, setpoint.yaw_rate_rps or 0.0
         if setpoint.yaw_rad is not None:
             self._yaw_rad = setpoint.yaw_rad
@@ -411,7 +411,7 @@ class PointMass:
         self._point = Point(world.gravity_mps2)
         self._estimate = PointEstimate(config.estimator, self._point, world.origin.origin_deg)
         self._pilot = PointPilot(config, self._point, self._estimate)
-        self._vehicle = Vehicle(self._parameters, system_id, self._estimate, self._pilot)
+        self._vehicle = AutopilotVehicle(self._parameters, system_id, self._estimate, self._pilot)
         self._side = MavlinkInterface(self._vehicle, self._parameters, system_id, (OFFBOARD,), {})
         self._t_ns: int | None = None
         self._health: Health | None = None

@@ -38,7 +38,7 @@ class FaultySensors(Service, Protocol):
 
 
 @dataclass(frozen=True)
-class World:
+class CampaignWorld:
     """One world.
 
     Attributes:
@@ -101,7 +101,7 @@ def _physics_makers(seed: int) -> Makers:
     return service_makers(seed) | blank
 
 
-PHYSICS = World(
+PHYSICS = CampaignWorld(
     sensors=SIMULATOR,
     autopilot=AUTOPILOT,
     make_bus=wired_bus,
@@ -109,7 +109,7 @@ PHYSICS = World(
     add_sensor_faults=FaultySimulator,
     translate_fault=lambda fault: fault,
 )
-POINT_MASS = World(
+POINT_MASS = CampaignWorld(
     sensors=NAME,
     autopilot=NAME,
     make_bus=_point_mass_bus,

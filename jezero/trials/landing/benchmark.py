@@ -13,7 +13,7 @@ from jezero.trials.landing.trial import Conditions
 from jezero.trials.workers import workers
 
 
-class Outcome(msgspec.Struct, frozen=True, kw_only=True):
+class BenchmarkLanding(msgspec.Struct, frozen=True, kw_only=True):
     """One landing of a report.
 
     Attributes:
@@ -65,7 +65,7 @@ class LandingReport(msgspec.Struct, frozen=True, kw_only=True):
     nees: float | None
     failed_seeds: list[int]
     touchdowns_m: list[tuple[float, float]]
-    outcomes: list[Outcome]
+    outcomes: list[BenchmarkLanding]
 
 
 def fly_landings(
@@ -119,7 +119,7 @@ def _report(conditions: Conditions, landings: list[Landing]) -> LandingReport:
             if place_m is not None
         ],
         outcomes=[
-            Outcome(
+            BenchmarkLanding(
                 seed=one.seed,
                 landed=not one.failure,
                 crashed=one.crashed,

@@ -22,7 +22,7 @@ RAY_DOWN_MIN = 0.05
 
 
 @dataclass(frozen=True)
-class View:
+class TagView:
     """Intrinsics and pose of the camera at an exposure.
 
     Attributes:
@@ -46,7 +46,7 @@ class View:
         return ideal
 
 
-def make_view(info: CameraInfo, pitch_camera_rad: float, q_ned_from_frd: Quat, roll_camera_rad: float = 0.0) -> View:
+def make_view(info: CameraInfo, pitch_camera_rad: float, q_ned_from_frd: Quat, roll_camera_rad: float = 0.0) -> TagView:
     """The view of a camera on its axes under a vehicle of that attitude."""
     axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     columns = [
@@ -54,11 +54,11 @@ def make_view(info: CameraInfo, pitch_camera_rad: float, q_ned_from_frd: Quat, r
         for axis in axes
     ]
     mount_ned_m = np.array(quat_rotate(q_ned_from_frd, info.pos_camera_frd_m))
-    return View(info.focal_px, info.center_px, np.array(columns).T, mount_ned_m, info.distortion)
+    return TagView(info.focal_px, info.center_px, np.array(columns).T, mount_ned_m, info.distortion)
 
 
 @dataclass(frozen=True)
-class Pose:
+class TagPose:
     """Solution for the corners of one picture.
 
     Attributes:
@@ -74,7 +74,7 @@ class Pose:
     residuals_px: Array
 
 
-def solve(points_level_m: Array, corners_px: Array, view: View) -> Pose | None:
+def solve(points_level_m: Array, corners_px: Array, view: TagView) -> TagPose | None:
     """Least squares over the reprojected corners; None when they can't be points of a platform below.
 
     Args:
@@ -105,10 +105,10 @@ def solve(points_level_m: Array, corners_px: Array, view: View) -> Pose | None:
         return None
     yaw_rad = float((yaw_rad + np.pi) % (2.0 * np.pi) - np.pi)
     inverse = np.linalg.inv(normal).astype(np.float64)
-    return Pose(pos_camera_m - view.pos_camera_uav_ned_m, yaw_rad, inverse, residuals_px)
+    return TagPose(pos_camera_m - view.pos_camera_uav_ned_m, yaw_rad, inverse, residuals_px)
 
 
-def _closed_form(points_level_m: Array, corners_px: Array, view: View) -> tuple[Array, float] | None:
+def _closed_form(points_level_m: Array, corners_px: Array, view: TagView) -> tuple[Array, float] | None:
     """Camera over the platform and the platform's heading: a similarity in the plane, in complex numbers.
 
     With rays (u, 1) down to the level platform, h u + c = exp(i yaw) b for every corner b: linear in h exp(-i yaw).
@@ -130,7 +130,7 @@ def _closed_form(points_level_m: Array, corners_px: Array, view: View) -> tuple[
 
 
 def _linearize(
-    points_level_m: Array, corners_px: Array, view: View, pos_camera_m: Array, yaw_rad: float
+    points_level_m: Array, corners_px: Array, view: TagView, pos_camera_m: Array, yaw_rad: float
 ) -> tuple[Array, Array] | None:
     """(2n, 4) derivative of the corners by (camera's position, heading), and (n, 2) observed minus expected."""
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)

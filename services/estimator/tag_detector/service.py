@@ -19,7 +19,7 @@ from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.attitude_history import AttitudeHistory
 from jezero.services.estimator.rover_tilt import LEVEL, level_from_rover_body
 from jezero.services.estimator.tag_detector.config import TagDetectorConfig
-from jezero.services.estimator.tag_detector.pose import Pose, View, make_view, solve
+from jezero.services.estimator.tag_detector.pose import TagPose, TagView, make_view, solve
 
 if TYPE_CHECKING:
     from jezero.services.estimator.tag_detector.finder import Finder
@@ -110,8 +110,8 @@ def corners_by_id(board: Sequence[BoardTag]) -> dict[int, Array]:
 
 
 def locate(
-    tags: Sequence[CornersOfTag], corners_m: Mapping[int, Array], view: View, config: TagDetectorConfig
-) -> tuple[tuple[int, ...], Pose] | None:
+    tags: Sequence[CornersOfTag], corners_m: Mapping[int, Array], view: TagView, config: TagDetectorConfig
+) -> tuple[tuple[int, ...], TagPose] | None:
     """Ids of the tags that fit one pose, and this pose; tags of other boards are ignored.
 
     When the corners don't fit one pose, the tag that fits worst is left out, until they do.
@@ -140,7 +140,7 @@ def _rms(residuals_px: Array) -> float:
 
 
 def _message(
-    exposed_ns: int, solution: tuple[tuple[int, ...], Pose], view: View, config: TagDetectorConfig
+    exposed_ns: int, solution: tuple[tuple[int, ...], TagPose], view: TagView, config: TagDetectorConfig
 ) -> TagEstimate:
     tag_ids, pose = solution
     pos_camera_m = pose.pos_uav_rel_rover_ned_m + view.pos_camera_uav_ned_m

@@ -11,7 +11,7 @@ from jezero.schemas.landing_board import CELLS, BoardTag
 from jezero.schemas.sensors import CameraInfo, CornersOfTag
 from jezero.services.simulator.camera.config import ProjectionConfig
 from jezero.services.simulator.camera.sun import shadow_of
-from jezero.services.simulator.camera.view import View, on_rover, project
+from jezero.services.simulator.camera.view import CameraView, on_rover, project
 
 Indices = npt.NDArray[np.int64]
 
@@ -36,7 +36,7 @@ class BoardGeometry:
         self.outlines_m: Array = np.stack((corners_m, margins_m))
 
 
-def tags_in_picture(board: BoardGeometry, view: View, info: CameraInfo) -> tuple[Array, npt.NDArray[np.bool_]]:
+def tags_in_picture(board: BoardGeometry, view: CameraView, info: CameraInfo) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Corners of all tags of the board, and which tags are in the picture with their whole margin.
 
     Returns:
@@ -53,7 +53,7 @@ def tags_in_picture(board: BoardGeometry, view: View, info: CameraInfo) -> tuple
 
 def detect(
     board: BoardGeometry,
-    views: tuple[View, View, View],
+    views: tuple[CameraView, CameraView, CameraView],
     info: CameraInfo,
     config: ProjectionConfig,
     rng: np.random.Generator,
@@ -81,7 +81,9 @@ def detect(
     return tuple(found)
 
 
-def blurs(board: BoardGeometry, tags: Indices, views: tuple[View, View, View], info: CameraInfo) -> Array:
+def blurs(
+    board: BoardGeometry, tags: Indices, views: tuple[CameraView, CameraView, CameraView], info: CameraInfo
+) -> Array:
     """Pixels by which the middles of some tags move from the first view to the last."""
     middles_m = board.middles_m[tags, 0]
     path_px = project(middles_m, on_rover(views[2]), info) - project(middles_m, on_rover(views[0]), info)
@@ -89,7 +91,7 @@ def blurs(board: BoardGeometry, tags: Indices, views: tuple[View, View, View], i
     return result
 
 
-def in_shadow(board: BoardGeometry, tags: Indices, view: View, radius_m: float) -> npt.NDArray[np.bool_]:
+def in_shadow(board: BoardGeometry, tags: Indices, view: CameraView, radius_m: float) -> npt.NDArray[np.bool_]:
     """Which tags the vehicle's shadow touches; the vehicle is where its camera is."""
     shadow_ned_m = shadow_of(view.pos_camera_ned_m, view.pos_rover_ned_m[2])
     forward_m, right_m, _ = view.rover_body_from_ned(shadow_ned_m)

@@ -21,7 +21,7 @@ from jezero.services.simulator.camera.gl_matrices import (
 from jezero.services.simulator.camera.gl_world import HAZE_PER_M, GlWorld, Placed, put
 from jezero.services.simulator.camera.service import NoEglError
 from jezero.services.simulator.camera.sun import TO_SUN_NED
-from jezero.services.simulator.camera.view import View, half_tangents
+from jezero.services.simulator.camera.view import CameraView, half_tangents
 from jezero.services.simulator.config import SimulatorConfig
 
 NEAR_M, FAR_M = 0.02, 4000.0
@@ -77,7 +77,7 @@ class EglRenderer:
         self._sky = gl.vertex_array(self._sky_program, [(corners, "2f", "in_corner")])
         self._blur = gl.vertex_array(self._blur_program, [(corners, "2f", "in_corner")])
 
-    def picture(self, scene: Scene, views: tuple[View, View, View]) -> bytes:
+    def picture(self, scene: Scene, views: tuple[CameraView, CameraView, CameraView]) -> bytes:
         """The picture of a scene, blurred by the motion from the first view to the last, with noise."""
         view = views[1]
         placed = Placed(ned_from_rover_body(view), ned_from_frd(scene.pos_uav_ned_m, scene.q_ned_from_frd))
@@ -112,7 +112,7 @@ class EglRenderer:
         target.release()
         return picture
 
-    def _draw_sky(self, view: View) -> None:
+    def _draw_sky(self, view: CameraView) -> None:
         """Draw the sky, unless all rays of the picture's corners point to the ground."""
         ned_from_ray: Array = view.rotation_ned_from_camera @ np.diag((*half_tangents(self._info), 1.0))
         corners = np.array([(a, b, 1.0) for a in (-1, 1) for b in (-1, 1)])
@@ -123,7 +123,7 @@ class EglRenderer:
         self._sky.render(moderngl.TRIANGLES)
         self._gl.depth_func = "<"
 
-    def _blur_by(self, moved: float, views: tuple[View, View, View], clip_from_ned: Array) -> None:
+    def _blur_by(self, moved: float, views: tuple[CameraView, CameraView, CameraView], clip_from_ned: Array) -> None:
         """Blur each pixel along the motion of the point that it shows; points of the rover move with the rover."""
         begin, _, end = views
         ned_from_clip = np.array(np.linalg.inv(clip_from_ned))
@@ -150,7 +150,7 @@ def _read(target: moderngl.Framebuffer) -> Image:
     return np.frombuffer(target.read(components=3, alignment=1), dtype=np.uint8).reshape(height, width, 3)
 
 
-def _shadow_area(view: View) -> tuple[Vec3, float]:
+def _shadow_area(view: CameraView) -> tuple[Vec3, float]:
     """Point in the middle of the picture, and the radius around it within which shadows are needed."""
     north_m, east_m, down_m = view.pos_camera_ned_m
     rover_north_m, rover_east_m, rover_down_m = view.pos_rover_ned_m

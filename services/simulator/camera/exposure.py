@@ -6,7 +6,7 @@ import numpy.typing as npt
 
 from jezero.base.arrays import Array
 from jezero.schemas.sensors import CameraInfo
-from jezero.services.simulator.camera.view import View, half_tangents, project
+from jezero.services.simulator.camera.view import CameraView, half_tangents, project
 
 Image = npt.NDArray[np.uint8]
 POOL = 2_000_003
@@ -14,7 +14,7 @@ POOL = 2_000_003
 HEIGHT_MIN_M = 0.1
 
 
-def moved_px(views: tuple[View, View, View], info: CameraInfo) -> float:
+def moved_px(views: tuple[CameraView, CameraView, CameraView], info: CameraInfo) -> float:
     """Greatest motion in the picture during the exposure, of points at the distance of the ground or the platform."""
     begin, middle, end = views
     eye = np.array(middle.pos_camera_ned_m)

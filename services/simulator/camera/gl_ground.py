@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from jezero.base.arrays import Array
 from jezero.schemas.sensors import CameraInfo
-from jezero.services.simulator.camera.view import View, half_tangents
+from jezero.services.simulator.camera.view import CameraView, half_tangents
 from jezero.services.simulator.terrain import HALF_SIDE_M, POINTS, SPACING_M, Terrain
 
 SQUARES = 15
@@ -34,7 +34,7 @@ class GroundMesh:
     piece_length: int
     apron_length: int
 
-    def pieces_in_picture(self, view: View, info: CameraInfo) -> list[int]:
+    def pieces_in_picture(self, view: CameraView, info: CameraInfo) -> list[int]:
         """Indices of the pieces that may be in the picture, the nearest first."""
         in_camera = (self.middles_m - np.array(view.pos_camera_ned_m)) @ view.rotation_ned_from_camera
         across, along = half_tangents(info)

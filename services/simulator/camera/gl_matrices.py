@@ -5,7 +5,7 @@ import numpy as np
 from jezero.base.arrays import Array
 from jezero.base.frames import Quat, Vec3, quat_rotate
 from jezero.schemas.sensors import CameraInfo
-from jezero.services.simulator.camera.view import View
+from jezero.services.simulator.camera.view import CameraView
 
 
 def clip_from_camera(info: CameraInfo, near_m: float, far_m: float) -> Array:
@@ -16,7 +16,7 @@ def clip_from_camera(info: CameraInfo, near_m: float, far_m: float) -> Array:
     return np.array(((across, 0, 0, 0), (0, along, 0, 0), (0, 0, a, b), (0, 0, 1, 0)), dtype=np.float64)
 
 
-def camera_from_ned(view: View) -> Array:
+def camera_from_ned(view: CameraView) -> Array:
     """Transformation from the map into the camera's axes."""
     rotation = view.rotation_ned_from_camera.T
     return _rigid(rotation, -rotation @ np.array(view.pos_camera_ned_m))
@@ -47,7 +47,7 @@ def clip_from_sun(to_sun_ned: Vec3, middle_ned_m: Vec3, reach_m: float, depth_m:
     return result
 
 
-def ned_from_rover_body(view: View) -> Array:
+def ned_from_rover_body(view: CameraView) -> Array:
     return ned_from_frd(view.pos_rover_ned_m, view.q_ned_from_rover_body)
 
 

@@ -7,12 +7,12 @@ import msgspec
 from jezero.base.frames import scale as times
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.services.simulator.camera.config import CameraConfig
-from jezero.services.simulator.camera.service import SPEC, Camera, NoEglError, Renderer
+from jezero.services.simulator.camera.service import SPEC, CameraSimulator, NoEglError, Renderer
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.noise import generator
 
 
-def make_camera(config: CameraConfig, simulator: SimulatorConfig, vehicle: VehicleConfig, seed: int) -> Camera:
+def make_camera(config: CameraConfig, simulator: SimulatorConfig, vehicle: VehicleConfig, seed: int) -> CameraSimulator:
     """A camera in the world that the simulator's settings describe.
 
     Raises:
@@ -24,7 +24,7 @@ def make_camera(config: CameraConfig, simulator: SimulatorConfig, vehicle: Vehic
     if renderer is not None and renderer.rate_max_hz < vehicle.camera.rate_hz:
         slower = msgspec.structs.replace(vehicle.camera, rate_hz=renderer.rate_max_hz)
         vehicle = msgspec.structs.replace(vehicle, camera=slower)
-    camera = Camera(config, vehicle, renderer, seed)
+    camera = CameraSimulator(config, vehicle, renderer, seed)
     camera.spec = dataclasses.replace(SPEC, made_with=made_with)
     return camera
 

@@ -15,7 +15,7 @@ from jezero.schemas.units import NS_PER_S
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.detections import BoardGeometry, detect
 from jezero.services.simulator.camera.gimbal import Gimbal
-from jezero.services.simulator.camera.view import View, view_of
+from jezero.services.simulator.camera.view import CameraView, view_of
 from jezero.services.simulator.noise import generator
 
 INFO_PERIOD_NS = NS_PER_S
@@ -46,7 +46,7 @@ class Renderer(Protocol):
     @property
     def rate_max_hz(self) -> float: ...
 
-    def picture(self, scene: Scene, views: tuple[View, View, View]) -> bytes:
+    def picture(self, scene: Scene, views: tuple[CameraView, CameraView, CameraView]) -> bytes:
         """Rows from the top, three bytes red, green, blue each.
 
         Args:
@@ -54,7 +54,7 @@ class Renderer(Protocol):
         """
 
 
-class Camera:
+class CameraSimulator:
     """Publishes one picture, or one list of tags, per exposure, with the delay of a real camera.
 
     Args:
@@ -123,7 +123,7 @@ class Camera:
             self._preview_period = period
             yield Publish(topics.CAMERA_PREVIEW, preview_of(frame))
 
-    def _views(self, scene: Scene) -> tuple[View, View, View]:
+    def _views(self, scene: Scene) -> tuple[CameraView, CameraView, CameraView]:
         gimbal = self._gimbal
         view = partial(view_of, pos_camera_frd_m=self._mount.pos_camera_frd_m, turn_camera_rad=self._mount.turn_rad)
         axes_rad, rates_rps = (gimbal.pitch_rad, gimbal.roll_rad), (gimbal.pitch_rate_rps, gimbal.roll_rate_rps)
@@ -134,7 +134,7 @@ class Camera:
             view(scene, axes_rad=axes_rad, rates_rps=rates_rps, ahead_s=half_s),
         )
 
-    def _take(self, scene: Scene, views: tuple[View, View, View]) -> Publish:
+    def _take(self, scene: Scene, views: tuple[CameraView, CameraView, CameraView]) -> Publish:
         config, pitch_rad, roll_rad = self._config, self._gimbal.pitch_rad, self._gimbal.roll_rad
         if self._renderer is None:
             found = detect(self._board, views, self._mount.info(scene.t_ns), config.projection, self._rng)

@@ -12,7 +12,7 @@ from jezero.base.vehicle_config import CameraMountConfig
 from jezero.schemas.sensors import NO_DISTORTION
 from jezero.schemas.state import Scene
 from jezero.services.simulator.camera.service import Renderer
-from jezero.services.simulator.camera.view import View
+from jezero.services.simulator.camera.view import CameraView
 
 
 def pinhole_behind(camera: CameraMountConfig) -> CameraMountConfig:
@@ -44,7 +44,7 @@ class LensRenderer:
         self.description = f"{pinhole.description}, through a lens with distortion"
         self.rate_max_hz = pinhole.rate_max_hz
 
-    def picture(self, scene: Scene, views: tuple[View, View, View]) -> bytes:
+    def picture(self, scene: Scene, views: tuple[CameraView, CameraView, CameraView]) -> bytes:
         """The picture of a scene, as the renderer's own."""
         width_px, height_px = self._size_px
         pixels = np.frombuffer(self._pinhole.picture(scene, views), np.uint8).reshape(height_px, width_px, 3)

@@ -21,7 +21,7 @@ from jezero.services.simulator.camera.exposure import Image, PixelNoise
 from jezero.services.simulator.camera.ground import FINE_SIDE_M, SIDE_M, ground_textures
 from jezero.services.simulator.camera.meshes import Mesh, rocks_mesh, rover_mesh
 from jezero.services.simulator.camera.sun import TO_SUN_NED
-from jezero.services.simulator.camera.view import View, project
+from jezero.services.simulator.camera.view import CameraView, project
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.quiet_pybullet import pybullet
 from jezero.services.simulator.terrain import HALF_SIDE_M, POINTS, SPACING_M, Terrain, make_terrain
@@ -63,7 +63,7 @@ class TinyRenderer:
                 self._add(_top_mesh(vehicle.platform.side_m), self._texture(_top_picture(vehicle.platform))),
             ]
 
-    def picture(self, scene: Scene, views: tuple[View, View, View]) -> bytes:
+    def picture(self, scene: Scene, views: tuple[CameraView, CameraView, CameraView]) -> bytes:
         """The picture of a scene, blurred as much as its middle moves, with noise."""
         view = views[1]
         w, x, y, z = view.q_ned_from_rover_body
@@ -135,7 +135,7 @@ def _projection(info: CameraInfo) -> tuple[float, ...]:
     return (across, 0.0, 0.0, 0.0, 0.0, along, 0.0, 0.0, left, below, a, -1.0, 0.0, 0.0, b, 0.0)
 
 
-def _view_matrix(view: View) -> tuple[float, ...]:
+def _view_matrix(view: CameraView) -> tuple[float, ...]:
     """OpenGL's view matrix by columns; its camera points along -z with y up."""
     rotation = np.diag((1.0, -1.0, -1.0)) @ view.rotation_ned_from_camera.T
     matrix = np.eye(4)
@@ -194,7 +194,7 @@ def _top_picture(platform: PlatformConfig) -> Image:
     return np.asarray(picture, dtype=np.uint8)[::-1]
 
 
-def _paint_sky(picture: Image, is_sky: npt.NDArray[np.bool_], view: View, info: CameraInfo) -> None:
+def _paint_sky(picture: Image, is_sky: npt.NDArray[np.bool_], view: CameraView, info: CameraInfo) -> None:
     """Paint the sky, paler towards the horizon, into the pixels that show nothing else."""
     if not is_sky.any():
         return
@@ -206,7 +206,7 @@ def _paint_sky(picture: Image, is_sky: npt.NDArray[np.bool_], view: View, info: 
     picture[rows, columns] = (SKY_LOW + share * (SKY_HIGH - SKY_LOW)).astype(np.uint8)
 
 
-def _blurred(picture: Image, views: tuple[View, View, View], info: CameraInfo) -> Image:
+def _blurred(picture: Image, views: tuple[CameraView, CameraView, CameraView], info: CameraInfo) -> Image:
     """The whole picture, blurred along the motion of the platform's middle in it."""
     point = np.array(views[1].pos_rover_ned_m)
     moves = 0.5 * (np.array(views[2].pos_rover_ned_m) - np.array(views[0].pos_rover_ned_m))

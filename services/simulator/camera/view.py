@@ -28,7 +28,7 @@ NEAREST_M = 1e-3
 
 
 @dataclass(frozen=True)
-class View:
+class CameraView:
     """The camera and the rover's platform at one instant, in the map.
 
     Attributes:
@@ -62,7 +62,7 @@ def view_of(
     rates_rps: tuple[float, float] = (0.0, 0.0),
     ahead_s: float = 0.0,
     turn_camera_rad: float = 0.0,
-) -> View:
+) -> CameraView:
     """The view at an exposure's middle, or a moment `ahead_s` after it, by the velocities and rates of the scene.
 
     Args:
@@ -79,7 +79,7 @@ def view_of(
         for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     )
     pos_uav_ned_m = add(scene.pos_uav_ned_m, scale(scene.vel_uav_ned_mps, ahead_s))
-    return View(
+    return CameraView(
         pos_camera_ned_m=add(pos_uav_ned_m, quat_rotate(q_ned_from_frd, pos_camera_frd_m)),
         axes_camera_ned=(right, down, forward),
         pos_rover_ned_m=add(scene.pos_rover_ned_m, scale(scene.vel_rover_ned_mps, ahead_s)),
@@ -87,7 +87,7 @@ def view_of(
     )
 
 
-def on_rover(view: View) -> View:
+def on_rover(view: CameraView) -> CameraView:
     """The same view with everything relative to the rover: its frame is then `rover_body`."""
     turn = quat_conjugate(view.q_ned_from_rover_body)
     right, down, forward = (quat_rotate(turn, axis) for axis in view.axes_camera_ned)
@@ -105,7 +105,7 @@ def half_tangents(info: CameraInfo) -> tuple[float, float]:
     return 0.5 * info.width_px / info.focal_px, 0.5 * info.height_px / info.focal_px
 
 
-def project(points_m: Array, view: View, info: CameraInfo) -> Array:
+def project(points_m: Array, view: CameraView, info: CameraInfo) -> Array:
     """Places in the picture of points in the view's frame.
 
     Args:

@@ -2,14 +2,16 @@
 
 import pytest
 
-from jezero.deploy.launcher.compose import Restart, Service
+from jezero.deploy.launcher.compose import ComposeService, Restart
 from jezero.deploy.launcher.processes import RestartPolicy, describe_exit
 
 ENDED = "ended with exit code 1"
 
 
 def policy(restart: Restart, max_retries: int | None = None) -> RestartPolicy:
-    service = Service(name="a", command=("x",), environment={}, depends_on={}, restart=restart, max_retries=max_retries)
+    service = ComposeService(
+        name="a", command=("x",), environment={}, depends_on={}, restart=restart, max_retries=max_retries
+    )
     return RestartPolicy(service)
 
 

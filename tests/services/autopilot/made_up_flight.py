@@ -18,14 +18,14 @@ from jezero.base.frames import (
     subtract,
 )
 from jezero.services.autopilot.alignment import Fix
-from jezero.services.autopilot.config import EstimatorConfig
-from jezero.services.autopilot.estimator import ACC_DENSITY, GYRO_DENSITY, STD_FIX_DOWN_M, Estimator
+from jezero.services.autopilot.config import StateEstimatorConfig
+from jezero.services.autopilot.estimator import ACC_DENSITY, GYRO_DENSITY, STD_FIX_DOWN_M, StateEstimator
 
 G = 9.81
 DT_US = 4000
 REST_S = 3.0
 ORIGIN: Vec3 = (47.4, 8.5, 488.0)
-CONFIG = EstimatorConfig()
+CONFIG = StateEstimatorConfig()
 FIELD_NED: Vec3 = (0.216 * cos(CONFIG.declination_rad), 0.216 * sin(CONFIG.declination_rad), 0.432)
 
 
@@ -57,7 +57,7 @@ class World:
     """
 
     def __init__(self, seed: int | None = None, shift_ned_m: Callable[[float], Vec3] = lambda _: (0.0, 0.0, 0.0)):
-        self.estimator = Estimator(CONFIG, G)
+        self.estimator = StateEstimator(CONFIG, G)
         self._random = None if seed is None else np.random.default_rng(seed)
         self._shift = shift_ned_m
         self.gnss_delay_s, self.dates_fixes, self.has_gnss = 0.1, True, True

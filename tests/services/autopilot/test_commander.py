@@ -3,12 +3,12 @@
 import pytest
 from msgspec.structs import replace
 
-from jezero.services.autopilot.commander import Commander, VehicleState
+from jezero.services.autopilot.commander import Commander, CommanderState
 from jezero.services.autopilot.config import CommanderConfig, FailsafeConfig, LandDetectorConfig
 from jezero.services.autopilot.land_detector import LandDetector
 from jezero.services.autopilot.modes import Mode
 
-READY = VehicleState(
+READY = CommanderState(
     t_us=10_000_000,
     arming_refusal="",
     position_invalid_reason="",
@@ -18,7 +18,7 @@ READY = VehicleState(
 )
 
 
-def at(t_s: float, **changes: object) -> VehicleState:
+def at(t_s: float, **changes: object) -> CommanderState:
     return replace(READY, t_us=int(t_s * 1e6), **changes)
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from jezero.base.config import ConfigError, config_directory, load_config
 from jezero.base.vehicle_config import AirframeConfig
 from jezero.services.autopilot.config import AutopilotConfig, ControlConfig
-from jezero.services.autopilot.control import Kinematics, Setpoint, VelocityLoop, approach_speed_mps
+from jezero.services.autopilot.control import ControlSetpoint, Kinematics, VelocityLoop, approach_speed_mps
 from jezero.services.autopilot.mixer import Mixer
 
 AIRFRAME = AirframeConfig()
@@ -69,14 +69,16 @@ def test_thrust_gives_way_before_roll_and_pitch() -> None:
 
 def test_a_vehicle_at_its_setpoint_asks_for_its_weight() -> None:
     loop = VelocityLoop(ControlConfig())
-    force = loop.specific_force(0.016, REST, Setpoint(pos_ned_m=(0.0, 0.0, -5.0)))
+    force = loop.specific_force(0.016, REST, ControlSetpoint(pos_ned_m=(0.0, 0.0, -5.0)))
     assert force == pytest.approx((0.0, 0.0, -9.81))
 
 
 def test_a_far_setpoint_is_approached_no_faster_than_the_limits() -> None:
     loop = VelocityLoop(ControlConfig())
-    assert loop.velocity_setpoint(REST, Setpoint(pos_ned_m=(300.0, 400.0, -100.0))) == pytest.approx((3.0, 4.0, -3.0))
-    assert loop.velocity_setpoint(REST, Setpoint(pos_ned_m=(0.0, 0.0, 50.0)))[2] == pytest.approx(1.5)
+    assert loop.velocity_setpoint(REST, ControlSetpoint(pos_ned_m=(300.0, 400.0, -100.0))) == pytest.approx(
+        (3.0, 4.0, -3.0)
+    )
+    assert loop.velocity_setpoint(REST, ControlSetpoint(pos_ned_m=(0.0, 0.0, 50.0)))[2] == pytest.approx(1.5)
 
 
 def test_the_approach_is_proportional_near_the_point_and_brakes_at_a_constant_rate_from_afar() -> None:
@@ -91,7 +93,7 @@ def test_thrust_and_tilt_stay_within_their_limits(n: float, e: float, d: float, 
     loop = VelocityLoop(config)
     at = Kinematics((n, e, d), (vn, 0.0, vd), (0.0, 0.0, 0.0), 0.0)
     for _ in range(5):
-        fn, fe, fd = loop.specific_force(0.016, at, Setpoint(pos_ned_m=(0.0, 0.0, -5.0)))
+        fn, fe, fd = loop.specific_force(0.016, at, ControlSetpoint(pos_ned_m=(0.0, 0.0, -5.0)))
         size = (fn * fn + fe * fe + fd * fd) ** 0.5
         assert size <= 2.0 * 9.81 + 1e-6
         assert fd < 0.0
@@ -99,7 +101,7 @@ def test_thrust_and_tilt_stay_within_their_limits(n: float, e: float, d: float, 
 
 
 def test_a_reset_of_the_position_moves_a_setpoint_along() -> None:
-    moved = Setpoint(pos_ned_m=(1.0, None, -5.0)).shifted((0.5, 9.0, 0.0))
+    moved = ControlSetpoint(pos_ned_m=(1.0, None, -5.0)).shifted((0.5, 9.0, 0.0))
     assert moved.pos_ned_m == (1.5, None, -5.0)
 
 

@@ -23,7 +23,7 @@ from jezero.base.frames import (
     quat_rotate,
 )
 from jezero.services.autopilot.alignment import Fix
-from jezero.services.autopilot.estimator import Estimator
+from jezero.services.autopilot.estimator import StateEstimator
 from tests.services.autopilot.made_up_flight import CONFIG, DT_US, ORIGIN, REST_S, G, World, pose
 
 
@@ -257,7 +257,7 @@ def test_without_a_sensor_it_does_not_start_and_says_which(sensor: str, text: st
 
 
 def test_a_moving_vehicle_is_not_aligned() -> None:
-    estimator = Estimator(CONFIG, G)
+    estimator = StateEstimator(CONFIG, G)
     for step in range(1, 1000):
         estimator.on_imu(step * DT_US, (0.0, 0.0, -G), (0.0, 0.0, 0.5))
     assert not estimator.running

@@ -8,7 +8,7 @@ import pytest
 
 from jezero.services.autopilot.config import FailsafeConfig
 from jezero.services.autopilot.failsafes import (
-    Action,
+    FailsafeAction,
     Trigger,
     configured_action,
     docs_section,
@@ -24,7 +24,8 @@ SETTINGS = [
 ]
 EVERYTHING = list(product(Trigger, Mode, (False, True)))
 N, W, H, R, L, D, X = (
-    Action.NONE, Action.WARN, Action.HOLD, Action.RETURN, Action.LAND, Action.DESCEND, Action.DISARM
+    FailsafeAction.NONE, FailsafeAction.WARN, FailsafeAction.HOLD, FailsafeAction.RETURN, FailsafeAction.LAND,
+    FailsafeAction.DESCEND, FailsafeAction.DISARM,
 )  # fmt: skip
 MODES = (Mode.POSITION, Mode.TAKEOFF, Mode.HOLD, Mode.RETURN, Mode.LAND, Mode.DESCEND, Mode.OFFBOARD)
 BY_DEFAULT = {
@@ -50,14 +51,14 @@ WHEN_ACTING = {
 
 @pytest.mark.parametrize("trigger", list(Trigger))
 @pytest.mark.parametrize(("config", "table"), [(DEFAULT, BY_DEFAULT), (ACTING, WHEN_ACTING)])
-def test_in_the_air(trigger: Trigger, config: FailsafeConfig, table: dict[Trigger, tuple[Action, ...]]) -> None:
+def test_in_the_air(trigger: Trigger, config: FailsafeConfig, table: dict[Trigger, tuple[FailsafeAction, ...]]) -> None:
     assert tuple(failsafe_action(trigger, mode, False, config) for mode in MODES) == table[trigger]
 
 
 @pytest.mark.parametrize("config", SETTINGS)
 def test_on_the_ground_nothing_keeps_it_flying_or_takes_off(config: FailsafeConfig) -> None:
     actions = {failsafe_action(trigger, mode, True, config) for trigger in Trigger for mode in Mode}
-    assert actions.isdisjoint({Action.HOLD, Action.RETURN})
+    assert actions.isdisjoint({FailsafeAction.HOLD, FailsafeAction.RETURN})
 
 
 @pytest.mark.parametrize("config", SETTINGS)

@@ -5,7 +5,7 @@ import pytest
 
 from jezero.base.mavlink import MavlinkCodec, MavMessage, dialect
 from jezero.base.vehicle_config import BatteryConfig
-from jezero.services.autopilot.battery import Battery
+from jezero.services.autopilot.battery import BatteryModel
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.mavlink_receiver import decode_parameter, encode_parameter
 from jezero.services.autopilot.parameters import ROWS, Parameters, Row, Value
@@ -95,7 +95,7 @@ def test_pings_and_time_are_answered() -> None:
 
 
 def test_hovering_for_a_minute_takes_a_minutes_charge_and_voltage_falls_with_it() -> None:
-    battery = Battery(BatteryConfig(), 1.0, HOVER)
+    battery = BatteryModel(BatteryConfig(), 1.0, HOVER)
     full_v = battery.voltage_v
     for _ in range(600):
         battery.step(0.1, (0.5, 0.5, 0.5, 0.5))
@@ -107,7 +107,7 @@ def test_hovering_for_a_minute_takes_a_minutes_charge_and_voltage_falls_with_it(
 
 
 def test_an_empty_battery_is_not_less_than_empty() -> None:
-    battery = Battery(BatteryConfig(), 0.0, HOVER)
+    battery = BatteryModel(BatteryConfig(), 0.0, HOVER)
     battery.step(10.0, (1.0, 1.0, 1.0, 1.0))
     assert battery.remaining == 0.0
 

@@ -14,7 +14,7 @@ from jezero.services.estimator.measurements import (
     TagMeasurement,
     UwbMeasurement,
 )
-from jezero.services.estimator.motion_check import Difference
+from jezero.services.estimator.motion_check import PathDifference
 from jezero.services.estimator.relative_filter import RelativeFilter
 from tests.services.estimator.test_filter import (
     ANCHORS_M,
@@ -61,22 +61,22 @@ def test_ranges_of_which_no_single_anchor_stands_out_are_all_left_out(
 @pytest.mark.parametrize(
     ("difference", "heading_turned", "left_out"),
     [
-        (Difference("faster", speed_error_mps=0.8), "", "the rover's speed is left out"),
+        (PathDifference("faster", speed_error_mps=0.8), "", "the rover's speed is left out"),
         (
-            Difference("turned", turn_rad=0.8),
+            PathDifference("turned", turn_rad=0.8),
             "",
             "the tags are left out, as their path is turned: check the turn of the",
         ),
         (
-            Difference(),
+            PathDifference(),
             "the heading was corrected",
             "the tags are left out, as the rover's heading by them contradicts",
         ),
-        (Difference(), "", "UWB is left out"),
+        (PathDifference(), "", "UWB is left out"),
     ],
 )
 def test_what_contradicts_the_motion_is_left_out_where_uwb_and_the_tag_agree(
-    difference: Difference, heading_turned: str, left_out: str, monkeypatch: pytest.MonkeyPatch
+    difference: PathDifference, heading_turned: str, left_out: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monitor = ConsistencyMonitor(0.5)
     monitor.heading_turned = heading_turned

@@ -4,7 +4,7 @@ from math import cos, pi, sin
 
 import pytest
 
-from jezero.services.estimator.motion_check import AGREES, Difference, MotionCheck, Sample
+from jezero.services.estimator.motion_check import AGREES, MotionCheck, PathDifference, PathSample
 
 MS = 1_000_000
 STEP_S = 0.25
@@ -19,7 +19,7 @@ def after_motion(
     rover_faster_mps: float = 0.0,
     rover_yaw_rad: float = 0.5 * pi,
     duration_s: float = 5.0,
-) -> Difference:
+) -> PathDifference:
     """Contradiction after a flight to the north past a rover that should stand.
 
     Args:
@@ -40,7 +40,7 @@ def after_motion(
             factor * north_m * cos(turn_rad) + 3.0 - rover_m * cos(rover_yaw_rad),
             factor * north_m * sin(turn_rad) - 1.0 - rover_m * sin(rover_yaw_rad),
         )
-        check.add(Sample(int(t_s * 1000) * MS, (north_m, 0.0), way_m, measured_m, std_m))
+        check.add(PathSample(int(t_s * 1000) * MS, (north_m, 0.0), way_m, measured_m, std_m))
     return check.contradiction
 
 

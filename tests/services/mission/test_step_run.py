@@ -10,7 +10,7 @@ from jezero.schemas.actions import Accepted, Cancel, CancelReply, GetResult, Rej
 from jezero.schemas.goals import GoToGoal
 from jezero.schemas.topics import GO_TO
 from jezero.schemas.units import NS_PER_S
-from jezero.services.mission.step_run import SENDS_MAX, GoalRun
+from jezero.services.mission.step_run import SENDS_MAX, StepGoal
 
 GOAL = GoToGoal(goal_id="m-1.1.1", target_ned_m=(1.0, 0.0, -3.0))
 STEP_NS = NS_PER_S // 10
@@ -20,7 +20,7 @@ class Connection:
     """Steps a goal's run ten times a second; its calls time out unless a test replies to them."""
 
     def __init__(self) -> None:
-        self.run = GoalRun(GO_TO, GOAL)
+        self.run = StepGoal(GO_TO, GOAL)
         self.t_ns = 0
         self.waiting: dict[str, tuple[Call, int]] = {}
         """Calls without a response, and the times at which they time out."""

@@ -8,7 +8,7 @@ import pytest
 
 from jezero.base.codec import decode, encode
 from jezero.recording import open_recording
-from jezero.recording.folder import Progress, RecordingFolder, newest_recording, room_bytes
+from jezero.recording.folder import RecordingFolder, RecordingProgress, newest_recording, room_bytes
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.runtime.service import Inbox, Output, Publish, SentMessage, Spec
 from jezero.schemas import topics
@@ -29,7 +29,9 @@ class Sensor:
         yield Publish(topics.ALTIMETER, Altimeter(t_ns=t_ns, range_m=2.0))
 
 
-def recorded(write: Callable[[Batch], Progress], seconds: float = 5.0) -> tuple[MemoryBus, list[ServiceHealth]]:
+def recorded(
+    write: Callable[[Batch], RecordingProgress], seconds: float = 5.0
+) -> tuple[MemoryBus, list[ServiceHealth]]:
     """A bus with a sensor and a recorder, after some seconds, and all health reports of the recorder."""
     bus = MemoryBus(0)
     reports: list[ServiceHealth] = []
@@ -98,10 +100,10 @@ def test_a_file_that_vanishes_is_named_and_a_new_one_is_begun(tmp_path: Path) ->
 def test_an_error_of_the_writer_is_told_in_health_and_recording_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
     outcomes = iter([ZeroDivisionError("of the test")])
 
-    def write(batch: Batch) -> Progress:
+    def write(batch: Batch) -> RecordingProgress:
         for error in outcomes:
             raise error
-        return Progress(Path("a.mcap"), MB, "")
+        return RecordingProgress(Path("a.mcap"), MB, "")
 
     _, reports = recorded(write)
     assert any("ZeroDivisionError: of the test" in report.text for report in reports)
@@ -110,7 +112,7 @@ def test_an_error_of_the_writer_is_told_in_health_and_recording_goes_on(capsys: 
 
 
 def test_a_disk_that_takes_nothing_any_more_is_named_and_the_memory_stays_bounded() -> None:
-    recorder = Recorder(lambda batch: Progress(None, 0, ""), images=True)
+    recorder = Recorder(lambda batch: RecordingProgress(None, 0, ""), images=True)
     big = b" " * (WAITING_MAX_BYTES // 10)
     recorder._take([SentMessage(i, "sensor/altimeter", big) for i in range(15)])
     assert len(recorder._waiting) == 10
@@ -121,7 +123,7 @@ def test_a_disk_that_takes_nothing_any_more_is_named_and_the_memory_stays_bounde
 
 
 def test_images_that_wait_leave_room_for_all_other_messages() -> None:
-    recorder = Recorder(lambda batch: Progress(None, 0, ""), images=True)
+    recorder = Recorder(lambda batch: RecordingProgress(None, 0, ""), images=True)
     image = b" " * MB
     recorder._take([SentMessage(i, topics.CAMERA.name, image) for i in range(60)])
     assert len(recorder._waiting) * MB == IMAGES_WAITING_MAX_BYTES
@@ -133,9 +135,9 @@ def test_what_waits_while_a_batch_is_written_is_written_at_the_end() -> None:
     tasks: list[Callable[[], None]] = []
     written: list[int] = []
 
-    def write(batch: Batch) -> Progress:
+    def write(batch: Batch) -> RecordingProgress:
         written.extend(arrival_ns for arrival_ns, _, _ in batch)
-        return Progress(None, 0, "")
+        return RecordingProgress(None, 0, "")
 
     recorder = Recorder(write, images=True, execute=tasks.append)
     bus = MemoryBus(0)

@@ -13,7 +13,7 @@ from jezero.base.frames import Vec3, norm, quat_from_euler, subtract, tilt_from_
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.services.simulator.body import BodyState
 from jezero.services.simulator.config import RoverConfig, SimulatorConfig, TerrainConfig, UavConfig
-from jezero.services.simulator.rover import Rover
+from jezero.services.simulator.rover import RoverModel
 from jezero.services.simulator.terrain import make_terrain
 from jezero.services.simulator.uav import Uav, ground_effect
 from jezero.services.simulator.world import DT_S, World
@@ -30,12 +30,12 @@ AT_REST = BodyState(ZERO, ZERO, (1.0, 0.0, 0.0, 0.0), ZERO, (0.0, 0.0, -9.81))
 
 
 @pytest.fixture(scope="module")
-def rover() -> Rover:
-    return Rover(CONFIG.rover, TERRAIN, PLATFORM_M)
+def rover() -> RoverModel:
+    return RoverModel(CONFIG.rover, TERRAIN, PLATFORM_M)
 
 
 @pytest.fixture(scope="module")
-def shared_world(rover: Rover) -> Iterator[World]:
+def shared_world(rover: RoverModel) -> Iterator[World]:
     world = World(CONFIG, VEHICLE, TERRAIN, rover.state)
     yield world
     world.close()
@@ -171,7 +171,7 @@ def test_wind_does_not_blow_the_standing_vehicle_away(world: World) -> None:
 
 
 @pytest.mark.parametrize("place", ["ground", "slope", "platform", "beyond the grid"])
-def test_dropped_from_half_a_metre_it_bounces_and_rests_upright(world: World, rover: Rover, place: str) -> None:
+def test_dropped_from_half_a_metre_it_bounces_and_rests_upright(world: World, rover: RoverModel, place: str) -> None:
     below = {
         "ground": (0.0, 0.0, 0.0),
         "slope": (30.0, -20.0, -TERRAIN.height_m(30.0, -20.0)),
@@ -217,7 +217,7 @@ def test_respawn_puts_it_back_at_rest(world: World) -> None:
 
 def test_on_the_platform_it_starts_on_the_platform() -> None:
     config = SimulatorConfig(uav=UavConfig(start="platform"), rover=RoverConfig(start_north_m=20.0, start_east_m=9.0))
-    rover = Rover(config.rover, TERRAIN, PLATFORM_M)
+    rover = RoverModel(config.rover, TERRAIN, PLATFORM_M)
     world = World(config, VEHICLE, TERRAIN, rover.state)
     assert world.start_ned_m == pytest.approx((20.0, 9.0, rover.state.pos_ned_m[2] - 0.148), abs=0.003)
     world.close()
@@ -226,7 +226,7 @@ def test_on_the_platform_it_starts_on_the_platform() -> None:
 # -- rover and rays --
 
 
-def test_the_platform_is_half_a_metre_above_the_ground(rover: Rover) -> None:
+def test_the_platform_is_half_a_metre_above_the_ground(rover: RoverModel) -> None:
     north_m, east_m, down_m = rover.state.pos_ned_m
     assert -down_m == pytest.approx(TERRAIN.height_m(north_m, east_m) + 0.5)
 
@@ -234,7 +234,7 @@ def test_the_platform_is_half_a_metre_above_the_ground(rover: Rover) -> None:
 def test_the_rover_drives_in_a_circle() -> None:
     """1 m/s and 0.2 rad/s: after half a turn it is a diameter, 10 m, to the right of where it started."""
     flat = make_terrain(TerrainConfig(std_ground_m=0.0, craters=0, rocks=0))
-    rover = Rover(RoverConfig(start_north_m=0.0, start_east_m=0.0, start_yaw_rad=0.0), flat, PLATFORM_M)
+    rover = RoverModel(RoverConfig(start_north_m=0.0, start_east_m=0.0, start_yaw_rad=0.0), flat, PLATFORM_M)
     for _ in range(3927):
         state = rover.drive(1.0, 0.2, DT_S)
     assert state.pos_ned_m == pytest.approx((0.0, 10.0, -0.5), abs=0.01)
@@ -244,7 +244,7 @@ def test_the_rover_drives_in_a_circle() -> None:
 def test_a_driving_rover_carries_the_vehicle_along() -> None:
     flat = make_terrain(TerrainConfig(std_ground_m=0.0, craters=0, rocks=0))
     config = SimulatorConfig(uav=UavConfig(start="platform"))
-    rover = Rover(config.rover, flat, PLATFORM_M)
+    rover = RoverModel(config.rover, flat, PLATFORM_M)
     world = World(config, VEHICLE, flat, rover.state)
     offset_m = subtract(world.state.pos_ned_m, rover.state.pos_ned_m)
     for step in range(500):
@@ -254,7 +254,7 @@ def test_a_driving_rover_carries_the_vehicle_along() -> None:
     world.close()
 
 
-def test_the_beam_sees_ground_platform_and_nothing(world: World, rover: Rover) -> None:
+def test_the_beam_sees_ground_platform_and_nothing(world: World, rover: RoverModel) -> None:
     lens: Vec3 = (0.0, 0.0, 0.05)
     world.place_uav((12.0, -7.0, -6.0), 0.0)
     assert world.range_m(lens, DOWN, 10.0) == pytest.approx(5.95 - TERRAIN.height_m(12.0, -7.0), abs=0.003)
@@ -272,7 +272,7 @@ def test_a_tilted_beam_is_longer(world: World) -> None:
     assert world.range_m((0.0, 0.0, 0.05), DOWN, 10.0) == pytest.approx(7.95, abs=1e-6)
 
 
-def test_a_beam_points_in_any_direction_of_the_body(world: World, rover: Rover) -> None:
+def test_a_beam_points_in_any_direction_of_the_body(world: World, rover: RoverModel) -> None:
     """The platform is 1 m wide: 3 m beside its middle, its edge is 2.5 m away, less 0.4 m of the lens' mount.
 
     The vehicle looks along the rover's side, so that the beam meets the edge at a right angle.
@@ -304,7 +304,7 @@ def test_rocks_stop_the_vehicle(world: World) -> None:
 
 def test_on_mars_everything_falls_slower() -> None:
     config = msgspec.structs.replace(CONFIG, gravity_mps2=3.71)
-    world = World(config, VEHICLE, TERRAIN, Rover(config.rover, TERRAIN, PLATFORM_M).state)
+    world = World(config, VEHICLE, TERRAIN, RoverModel(config.rover, TERRAIN, PLATFORM_M).state)
     assert world.step(ZERO, ZERO).acc_frd_mps2 == pytest.approx((0.0, 0.0, -3.71), abs=1e-3)
     world.place_uav((0.0, 0.0, -20.0), 0.0)
     for _ in range(250):

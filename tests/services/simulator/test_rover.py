@@ -6,16 +6,16 @@ import pytest
 
 from jezero.base.frames import Vec3, euler_from_quat, quat_rotate, tilt_from_quat
 from jezero.services.simulator.config import RoverConfig, TerrainConfig
-from jezero.services.simulator.rover import Rover
+from jezero.services.simulator.rover import RoverModel
 from jezero.services.simulator.terrain import Terrain, make_terrain
 
 HILLSIDE = make_terrain(TerrainConfig(slope_deg=10.0, slope_towards_deg=0.0, std_ground_m=0.0, craters=0, rocks=0))
 """It descends to the north."""
 
 
-def rover(terrain: Terrain = HILLSIDE, **settings: object) -> Rover:
+def rover(terrain: Terrain = HILLSIDE, **settings: object) -> RoverModel:
     at_origin = {"start_north_m": 0.0, "start_east_m": 0.0, "start_yaw_rad": 0.0, **settings}
-    return Rover(RoverConfig(**at_origin), terrain, 0.5)  # type: ignore[arg-type]
+    return RoverModel(RoverConfig(**at_origin), terrain, 0.5)  # type: ignore[arg-type]
 
 
 def test_a_rover_stays_upright_unless_it_leans_with_the_ground() -> None:

@@ -12,13 +12,13 @@ from jezero.base.vehicle_config import VehicleConfig
 from jezero.services.simulator.body import BodyState, RoverState
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.sensors import (
-    Altimeter,
-    Barometer,
-    Gnss,
-    Imu,
-    Magnetometer,
-    RoverOdometry,
-    Uwb,
+    AltimeterModel,
+    BarometerModel,
+    GnssModel,
+    ImuModel,
+    MagnetometerModel,
+    RoverOdometryModel,
+    UwbModel,
     altitude_pressure_m,
     pressure_pa,
 )
@@ -36,12 +36,12 @@ VEHICLES = 60
 
 
 def imu(seed: int) -> Callable[[], tuple[float, ...]]:
-    sensor = Imu(CONFIG.imu, seed, DT_S)
+    sensor = ImuModel(CONFIG.imu, seed, DT_S)
     return lambda: sum(sensor.measure(BODY), ())
 
 
 def gnss(seed: int) -> Callable[[], tuple[float, ...]]:
-    sensor = Gnss(CONFIG.gnss, ORIGIN, seed)
+    sensor = GnssModel(CONFIG.gnss, ORIGIN, seed)
 
     def measure() -> tuple[float, ...]:
         fix = sensor.measure(0, BODY)
@@ -51,17 +51,17 @@ def gnss(seed: int) -> Callable[[], tuple[float, ...]]:
 
 
 def barometer(seed: int) -> Callable[[], tuple[float, ...]]:
-    sensor = Barometer(CONFIG.barometer, ORIGIN, seed)
+    sensor = BarometerModel(CONFIG.barometer, ORIGIN, seed)
     return lambda: (sensor.measure(0, BODY).pressure_pa,)
 
 
 def magnetometer(seed: int) -> Callable[[], tuple[float, ...]]:
-    sensor = Magnetometer(CONFIG.magnetometer, ORIGIN, seed)
+    sensor = MagnetometerModel(CONFIG.magnetometer, ORIGIN, seed)
     return lambda: sensor.measure(0, BODY._replace(q_ned_from_frd=(1.0, 0.0, 0.0, 0.0))).field_frd_gauss
 
 
 def altimeter(seed: int) -> Callable[[], tuple[float, ...]]:
-    sensor = Altimeter(CONFIG.altimeter, VEHICLE.altimeter, seed)
+    sensor = AltimeterModel(CONFIG.altimeter, VEHICLE.altimeter, seed)
 
     def measure() -> tuple[float, ...]:
         range_m = sensor.measure(0, 4.0).range_m
@@ -72,13 +72,13 @@ def altimeter(seed: int) -> Callable[[], tuple[float, ...]]:
 
 
 def uwb(seed: int) -> Callable[[], tuple[float, ...]]:
-    sensor = Uwb(CONFIG.uwb, VEHICLE.uwb, seed)
+    sensor = UwbModel(CONFIG.uwb, VEHICLE.uwb, seed)
     hovering = BODY._replace(pos_ned_m=(12.0, -18.0, -6.55), vel_ned_mps=ZERO, q_ned_from_frd=(1.0, 0.0, 0.0, 0.0))
     return lambda: tuple(r.range_m for r in sensor.measure(0, hovering, ROVER).ranges)
 
 
 def odometry(seed: int) -> Callable[[], tuple[float, ...]]:
-    sensor = RoverOdometry(CONFIG.rover_odometry, seed)
+    sensor = RoverOdometryModel(CONFIG.rover_odometry, seed)
 
     def measure() -> tuple[float, ...]:
         reading = sensor.measure(0, ROVER)
@@ -147,7 +147,7 @@ def test_the_bias_differs_between_vehicles_and_is_zero_on_average(name: str) -> 
 
 
 def test_the_imu_saturates_at_its_limits() -> None:
-    sensor = Imu(CONFIG.imu, 1, DT_S)
+    sensor = ImuModel(CONFIG.imu, 1, DT_S)
     hit = BODY._replace(acc_frd_mps2=(900.0, -900.0, 0.0), rates_frd_rps=(99.0, -99.0, 0.0))
     acc, gyro = sensor.measure(hit)
     assert acc[:2] == (156.9, -156.9)
@@ -155,7 +155,7 @@ def test_the_imu_saturates_at_its_limits() -> None:
 
 
 def test_the_imu_at_rest_shows_minus_g() -> None:
-    sensor = Imu(CONFIG.imu, 1, DT_S)
+    sensor = ImuModel(CONFIG.imu, 1, DT_S)
     rest = BODY._replace(acc_frd_mps2=(0.0, 0.0, -9.81), rates_frd_rps=ZERO)
     acc = np.mean([sensor.measure(rest)[0] for _ in range(2000)], axis=0)
     assert acc == pytest.approx((0.0, 0.0, -9.81), abs=4.0 * CONFIG.imu.std_bias_acc_mps2)
@@ -163,7 +163,7 @@ def test_the_imu_at_rest_shows_minus_g() -> None:
 
 def test_the_field_turns_with_the_body() -> None:
     """Heading east, the north component is on the left: (east, -north, down)."""
-    sensor = Magnetometer(CONFIG.magnetometer, ORIGIN, 1)
+    sensor = MagnetometerModel(CONFIG.magnetometer, ORIGIN, 1)
     east = BODY._replace(q_ned_from_frd=quat_from_euler(0.0, 0.0, radians(90.0)))
     field = np.mean([sensor.measure(0, east).field_frd_gauss for _ in range(300)], axis=0)
     north, easterly, down = ORIGIN.field_ned_gauss
@@ -179,17 +179,17 @@ def test_pressure_is_that_of_the_standard_atmosphere() -> None:
 
 @pytest.mark.parametrize("true_range_m", [None, 0.02, 10.5])
 def test_the_altimeter_reports_nothing_beyond_its_limits(true_range_m: float | None) -> None:
-    assert Altimeter(CONFIG.altimeter, VEHICLE.altimeter, 1).measure(5, true_range_m).range_m is None
+    assert AltimeterModel(CONFIG.altimeter, VEHICLE.altimeter, 1).measure(5, true_range_m).range_m is None
 
 
 def test_uwb_is_silent_beyond_its_range() -> None:
-    sensor = Uwb(CONFIG.uwb, VEHICLE.uwb, 1)
+    sensor = UwbModel(CONFIG.uwb, VEHICLE.uwb, 1)
     assert sensor.measure(0, BODY._replace(pos_ned_m=(12.0, -18.0, -16.0)), ROVER).ranges == ()
 
 
 def test_uwb_sees_the_anchors_where_the_rovers_heading_puts_them() -> None:
     """Rover heads east: its forward anchors are to the east, its right ones to the south."""
-    sensor = Uwb(CONFIG.uwb, VEHICLE.uwb, 1)
+    sensor = UwbModel(CONFIG.uwb, VEHICLE.uwb, 1)
     rover = RoverState(ZERO, ZERO, quat_from_euler(0.0, 0.0, radians(90.0)), ZERO, radians(90.0), 0.0, 0.0)
     at = BODY._replace(pos_ned_m=(-0.45, 0.45, -0.05), vel_ned_mps=ZERO, q_ned_from_frd=(1.0, 0.0, 0.0, 0.0))
     ranges = {r.anchor: r.range_m for r in sensor.measure(0, at, rover).ranges}
@@ -202,18 +202,18 @@ def test_uwb_sees_the_anchors_where_the_rovers_heading_puts_them() -> None:
 
 def test_uwb_ranges_have_times_of_their_own() -> None:
     """The tag approaches at 1 m/s; the first anchor was asked 6 ms before the last."""
-    sensor = Uwb(CONFIG.uwb, VEHICLE.uwb, 1)
+    sensor = UwbModel(CONFIG.uwb, VEHICLE.uwb, 1)
     ranges = sensor.measure(1_000_000_000, BODY, ROVER).ranges
     assert [1_000_000_000 - r.t_ns for r in ranges] == [6_000_000, 4_000_000, 2_000_000, 0]
 
 
 def test_odometry_adds_up_the_way_driven() -> None:
-    sensor = RoverOdometry(CONFIG.rover_odometry, 1)
+    sensor = RoverOdometryModel(CONFIG.rover_odometry, 1)
     driving = ROVER._replace(yaw_rad=0.0, speed_mps=1.0, vel_ned_mps=(1.0, 0.0, 0.0))
     for _ in range(250):
         reading = sensor.measure(0, driving)
     assert reading.pos_odom_m == pytest.approx((10.0, 0.0), abs=0.4)
-    standing = RoverOdometry(CONFIG.rover_odometry, 1)
+    standing = RoverOdometryModel(CONFIG.rover_odometry, 1)
     for _ in range(250):
         reading = standing.measure(0, ROVER)
     assert reading.pos_odom_m == (0.0, 0.0)
@@ -222,8 +222,8 @@ def test_odometry_adds_up_the_way_driven() -> None:
 
 def test_a_share_of_the_uwb_ranges_is_too_long_without_line_of_sight() -> None:
     config = msgspec.structs.replace(CONFIG.uwb, share_blocked=0.2)
-    clear = Uwb(CONFIG.uwb, VEHICLE.uwb, 1)
-    blocked = Uwb(config, VEHICLE.uwb, 1)
+    clear = UwbModel(CONFIG.uwb, VEHICLE.uwb, 1)
+    blocked = UwbModel(config, VEHICLE.uwb, 1)
     detours_m = []
     for _ in range(500):
         for a, b in zip(clear.measure(0, BODY, ROVER).ranges, blocked.measure(0, BODY, ROVER).ranges, strict=True):
@@ -235,27 +235,29 @@ def test_a_share_of_the_uwb_ranges_is_too_long_without_line_of_sight() -> None:
 
 
 def test_a_silent_anchor_sends_no_ranges() -> None:
-    sensor = Uwb(msgspec.structs.replace(CONFIG.uwb, anchors_silent=(1, 3)), VEHICLE.uwb, seed=1)
+    sensor = UwbModel(msgspec.structs.replace(CONFIG.uwb, anchors_silent=(1, 3)), VEHICLE.uwb, seed=1)
     assert [one.anchor for one in sensor.measure(0, BODY, ROVER).ranges] == [0, 2]
 
 
 def test_a_biased_anchor_measures_too_much() -> None:
-    right = Uwb(CONFIG.uwb, VEHICLE.uwb, seed=1).measure(0, BODY, ROVER).ranges
-    wrong = Uwb(msgspec.structs.replace(CONFIG.uwb, bias_anchors_m=(0.3,)), VEHICLE.uwb, seed=1)
+    right = UwbModel(CONFIG.uwb, VEHICLE.uwb, seed=1).measure(0, BODY, ROVER).ranges
+    wrong = UwbModel(msgspec.structs.replace(CONFIG.uwb, bias_anchors_m=(0.3,)), VEHICLE.uwb, seed=1)
     errors_m = [b.range_m - a.range_m for a, b in zip(right, wrong.measure(0, BODY, ROVER).ranges, strict=True)]
     assert errors_m == pytest.approx([0.3, 0.0, 0.0, 0.0])
 
 
 def test_swapped_anchors_report_the_places_where_they_should_be() -> None:
-    swapped = Uwb(msgspec.structs.replace(CONFIG.uwb, anchors_shifted=1), VEHICLE.uwb, seed=1)
-    right = Uwb(CONFIG.uwb, VEHICLE.uwb, seed=1).measure(0, BODY, ROVER).ranges
+    swapped = UwbModel(msgspec.structs.replace(CONFIG.uwb, anchors_shifted=1), VEHICLE.uwb, seed=1)
+    right = UwbModel(CONFIG.uwb, VEHICLE.uwb, seed=1).measure(0, BODY, ROVER).ranges
     wrong = swapped.measure(0, BODY, ROVER).ranges
     assert [one.pos_anchor_rover_body_m for one in wrong] == [one.pos_anchor_rover_body_m for one in right]
     assert wrong[0].range_m == pytest.approx(right[1].range_m, abs=0.1)
 
 
 def test_a_turned_compass_reads_a_turned_field() -> None:
-    sensor = Magnetometer(msgspec.structs.replace(CONFIG.magnetometer, std_gauss=0.0, std_bias_gauss=0.0), ORIGIN, 1)
+    sensor = MagnetometerModel(
+        msgspec.structs.replace(CONFIG.magnetometer, std_gauss=0.0, std_bias_gauss=0.0), ORIGIN, 1
+    )
     level = BODY._replace(q_ned_from_frd=(1.0, 0.0, 0.0, 0.0))
     north, east, _ = sensor.measure(0, level).field_frd_gauss
     sensor.error_yaw_rad = radians(45.0)
@@ -265,4 +267,4 @@ def test_a_turned_compass_reads_a_turned_field() -> None:
 
 def test_a_compass_with_a_constant_error_reads_the_heading_turned_by_it() -> None:
     config = msgspec.structs.replace(CONFIG.rover_odometry, bias_yaw_rad=1.0, std_yaw_rad=0.0, std_bias_yaw_rad=0.0)
-    assert RoverOdometry(config, 1).measure(0, ROVER).yaw_rover_rad == pytest.approx(ROVER.yaw_rad + 1.0)
+    assert RoverOdometryModel(config, 1).measure(0, ROVER).yaw_rover_rad == pytest.approx(ROVER.yaw_rad + 1.0)

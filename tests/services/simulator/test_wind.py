@@ -5,13 +5,13 @@ import pytest
 
 from jezero.services.simulator.config import WindConfig
 from jezero.services.simulator.noise import Wander, generator, normals_of
-from jezero.services.simulator.wind import Wind, dryden_scales
+from jezero.services.simulator.wind import WindModel, dryden_scales
 
 HEIGHT_M = 10.0
 
 
 def gusts(config: WindConfig, dt_s: float, steps: int, seed: int = 1) -> np.ndarray:
-    wind = Wind(config, dt_s, normals_of(generator(seed, "wind")))
+    wind = WindModel(config, dt_s, normals_of(generator(seed, "wind")))
     return np.array([wind.step(HEIGHT_M) for _ in range(steps)])
 
 
@@ -24,7 +24,9 @@ def test_scale_lengths_at_a_hundred_feet() -> None:
 
 
 def test_a_west_wind_blows_to_the_east() -> None:
-    wind = Wind(WindConfig(mean_mps=3.0, from_deg=270.0, std_gust_mps=0.0), 0.004, normals_of(generator(1, "wind")))
+    wind = WindModel(
+        WindConfig(mean_mps=3.0, from_deg=270.0, std_gust_mps=0.0), 0.004, normals_of(generator(1, "wind"))
+    )
     assert wind.step(5.0) == pytest.approx((0.0, 3.0, 0.0), abs=1e-12)
 
 
@@ -79,6 +81,8 @@ def test_streams_of_different_names_are_independent() -> None:
 
 
 def test_the_mean_wind_changes_in_flight() -> None:
-    wind = Wind(WindConfig(mean_mps=3.0, from_deg=270.0, std_gust_mps=0.0), 0.004, normals_of(generator(1, "wind")))
+    wind = WindModel(
+        WindConfig(mean_mps=3.0, from_deg=270.0, std_gust_mps=0.0), 0.004, normals_of(generator(1, "wind"))
+    )
     wind.change(8.0, 0.0)
     assert wind.step(5.0) == pytest.approx((-8.0, 0.0, 0.0))

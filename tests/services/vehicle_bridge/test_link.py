@@ -9,7 +9,7 @@ from jezero.base.frames import quat_from_euler
 from jezero.base.mavlink import MavlinkCodec, MavMessage, dialect
 from jezero.schemas.commands import Phase
 from jezero.services.vehicle_bridge.autopilot_link import INTERVALS_US, AutopilotLink, TelemetryBatch
-from jezero.services.vehicle_bridge.vehicle import Command, mode_name
+from jezero.services.vehicle_bridge.vehicle import AutopilotCommand, mode_name
 from tests.services.vehicle_bridge.rig import Rig
 
 S = 1_000_000_000
@@ -41,7 +41,7 @@ def receive(
     return link.receive(b"".join(codec.pack(m) for m in messages), at_ns, at_ns, epoch_id=4)
 
 
-def acknowledged(link: AutopilotLink) -> Command | None:
+def acknowledged(link: AutopilotLink) -> AutopilotCommand | None:
     """The acknowledged command; a function, as mypy takes an attribute for unchanged between two asserts."""
     return link.acknowledged
 
@@ -115,7 +115,7 @@ def test_battery_and_origin_are_converted() -> None:
 
 def test_a_warning_in_chunks_is_put_together_and_explains_a_refusal_for_a_while() -> None:
     link = AutopilotLink(1)
-    link.command(Command.ARM, 0)
+    link.command(AutopilotCommand.ARM, 0)
     receive(
         link,
         dialect.MAVLink_statustext_message(2, b"Arming denied: the estimator has not yet converged", 7, 0),
@@ -130,19 +130,19 @@ def test_a_warning_in_chunks_is_put_together_and_explains_a_refusal_for_a_while(
 
 def test_an_order_is_repeated_until_it_is_acknowledged_to_us() -> None:
     link = AutopilotLink(1)
-    assert link.command(Command.ARM, 0)
-    assert not link.command(Command.ARM, S // 4)
-    assert link.command(Command.ARM, S // 2)
+    assert link.command(AutopilotCommand.ARM, 0)
+    assert not link.command(AutopilotCommand.ARM, S // 4)
+    assert link.command(AutopilotCommand.ARM, S // 2)
     receive(link, dialect.MAVLink_command_ack_message(400, 0, 0, 0, 255, 190), at_ns=S // 2)
     receive(link, dialect.MAVLink_command_ack_message(400, 0, 0, 0, 1, 190), at_ns=S // 2)
     receive(link, dialect.MAVLink_command_ack_message(400, 0, 0, 0, 0, 0), at_ns=S // 2)
     receive(link, dialect.MAVLink_command_ack_message(176, 0, 0, 0, 1, 191), at_ns=S // 2)
     assert acknowledged(link) is None
     receive(link, dialect.MAVLink_command_ack_message(400, 0, 0, 0, 1, 191), at_ns=S // 2)
-    assert acknowledged(link) is Command.ARM
-    assert not link.command(Command.ARM, S + S // 2)
-    assert link.command(Command.ARM, 2 * S), "acknowledged, but without effect"
-    assert link.command(Command.DISARM, 2 * S)
+    assert acknowledged(link) is AutopilotCommand.ARM
+    assert not link.command(AutopilotCommand.ARM, S + S // 2)
+    assert link.command(AutopilotCommand.ARM, 2 * S), "acknowledged, but without effect"
+    assert link.command(AutopilotCommand.DISARM, 2 * S)
     assert acknowledged(link) is None
 
 

@@ -7,7 +7,7 @@ import pytest
 from jezero.base.frames import Vec3, geodetic_from_ned, tilt_from_quat, yaw_from_quat
 from jezero.services.autopilot.alignment import Fix
 from jezero.services.autopilot.config import AutopilotConfig
-from jezero.services.autopilot.control import Setpoint
+from jezero.services.autopilot.control import ControlSetpoint
 from jezero.trials.campaign.faults import HIL, MAVLINK, Fault, Kind, draw_faults
 from jezero.trials.campaign.mission import named_random
 from jezero.trials.campaign.point_mass import Point, PointEstimate, PointPilot, point_mass_fault
@@ -28,7 +28,7 @@ class Bench:
         self.pilot = PointPilot(config, self.point, self.estimate)
         self.t_us = 0
 
-    def fly(self, seconds: float, setpoint: Setpoint) -> None:
+    def fly(self, seconds: float, setpoint: ControlSetpoint) -> None:
         for _ in range(round(seconds / DT)):
             self.t_us += round(DT * 1e6)
             self.estimate.tick(self.t_us)
@@ -47,7 +47,7 @@ class Bench:
 
 def test_it_takes_off_to_a_point_and_stays_there() -> None:
     bench = Bench()
-    bench.fly(12.0, Setpoint((3.0, -2.0, -4.0), yaw_rad=1.0))
+    bench.fly(12.0, ControlSetpoint((3.0, -2.0, -4.0), yaw_rad=1.0))
     assert bench.point.pos_ned_m == pytest.approx((3.0, -2.0, -4.0), abs=0.05)
     assert bench.point.vel_ned_mps == pytest.approx((0.0, 0.0, 0.0), abs=0.05)
     assert bench.point.yaw_rad == pytest.approx(1.0, abs=0.01)
@@ -56,14 +56,14 @@ def test_it_takes_off_to_a_point_and_stays_there() -> None:
 
 def test_pressed_onto_the_ground_it_is_landed_within_two_seconds() -> None:
     bench = Bench()
-    bench.fly(6.0, Setpoint((0.0, 0.0, -1.0)))
-    bench.fly(1.0 / 0.5 + 2.0, Setpoint(vel_ned_mps=(0.0, 0.0, 0.5)))
+    bench.fly(6.0, ControlSetpoint((0.0, 0.0, -1.0)))
+    bench.fly(1.0 / 0.5 + 2.0, ControlSetpoint(vel_ned_mps=(0.0, 0.0, 0.5)))
     assert bench.pilot.detector.landed and bench.point.stands
 
 
 def test_without_thrust_it_falls_and_stands_still_on_the_ground() -> None:
     bench = Bench()
-    bench.fly(8.0, Setpoint((0.0, 0.0, -4.0)))
+    bench.fly(8.0, ControlSetpoint((0.0, 0.0, -4.0)))
     bench.pilot.stop()
     for _ in range(10):
         bench.point.step(DT, bench.pilot.wanted_ned_mps2, 0.0)

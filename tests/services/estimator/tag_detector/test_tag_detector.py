@@ -34,7 +34,7 @@ from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.attitude_history import AttitudeHistory
 from jezero.services.estimator.tag_detector.config import TagDetectorConfig
 from jezero.services.estimator.tag_detector.finder import Finder
-from jezero.services.estimator.tag_detector.pose import View, make_view, solve
+from jezero.services.estimator.tag_detector.pose import TagView, make_view, solve
 from jezero.services.estimator.tag_detector.service import TagDetector, corners_by_id, locate
 
 Grey = NDArray[np.uint8]
@@ -76,7 +76,7 @@ def seen(
     return tags
 
 
-def view_of(q: Quat, pitch_rad: float = DOWN_RAD) -> View:
+def view_of(q: Quat, pitch_rad: float = DOWN_RAD) -> TagView:
     return make_view(INFO, pitch_rad, q)
 
 

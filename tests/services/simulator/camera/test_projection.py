@@ -21,7 +21,7 @@ from jezero.services.simulator.camera.detections import (
     tags_in_picture,
 )
 from jezero.services.simulator.camera.sun import shadow_of
-from jezero.services.simulator.camera.view import View, project, view_of
+from jezero.services.simulator.camera.view import CameraView, project, view_of
 
 LANDING_BOARD = make_board()
 CAMERA = CameraMountConfig(pos_camera_frd_m=(0.0, 0.0, 0.0))
@@ -64,11 +64,11 @@ def scene(
     )
 
 
-def down(at: Scene) -> View:
+def down(at: Scene) -> CameraView:
     return view_of(at, CAMERA.pos_camera_frd_m, (DOWN_RAD, 0.0))
 
 
-def still(at: Scene) -> tuple[View, View, View]:
+def still(at: Scene) -> tuple[CameraView, CameraView, CameraView]:
     return (down(at), down(at), down(at))
 
 

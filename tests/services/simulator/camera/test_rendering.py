@@ -22,7 +22,7 @@ from jezero.services.simulator.camera.exposure import PixelNoise
 from jezero.services.simulator.camera.making import make_renderer
 from jezero.services.simulator.camera.service import NoEglError, Renderer
 from jezero.services.simulator.camera.tiny_renderer import TinyRenderer
-from jezero.services.simulator.camera.view import View, view_of
+from jezero.services.simulator.camera.view import CameraView, view_of
 from jezero.services.simulator.config import RoverConfig, SimulatorConfig
 
 Image = npt.NDArray[np.uint8]
@@ -65,7 +65,7 @@ def scene(above_m: float, beside_m: tuple[float, float] = (0.0, 0.0), attitude_r
     )
 
 
-def view(at: Scene, pitch_rad: float = DOWN_RAD) -> View:
+def view(at: Scene, pitch_rad: float = DOWN_RAD) -> CameraView:
     return view_of(at, VEHICLE.camera.pos_camera_frd_m, (pitch_rad, 0.0))
 
 

@@ -18,8 +18,8 @@ from jezero.schemas.state import Scene
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.gimbal import Gimbal
 from jezero.services.simulator.camera.making import make_camera
-from jezero.services.simulator.camera.service import Camera
-from jezero.services.simulator.camera.view import View
+from jezero.services.simulator.camera.service import CameraSimulator
+from jezero.services.simulator.camera.view import CameraView
 from jezero.services.simulator.config import SimulatorConfig
 
 MS = 1_000_000
@@ -97,11 +97,11 @@ class Grey:
     description = "grey"
     rate_max_hz = 60.0
 
-    def picture(self, scene: Scene, views: tuple[View, View, View]) -> bytes:
+    def picture(self, scene: Scene, views: tuple[CameraView, CameraView, CameraView]) -> bytes:
         return bytes(3 * 640 * 480)
 
 
-def published(camera: Camera, seconds: float) -> dict[str, list[tuple[int, bytes]]]:
+def published(camera: CameraSimulator, seconds: float) -> dict[str, list[tuple[int, bytes]]]:
     bus = MemoryBus(delay=NO_DELAY)
     seen: dict[str, list[tuple[int, bytes]]] = {}
     bus.observe(lambda t_ns, topic, data: seen.setdefault(topic, []).append((t_ns, data)))
@@ -118,7 +118,7 @@ def decoded(kind: type, entries: list[tuple[int, bytes]]) -> list[tuple[int, obj
 
 
 def test_projected_tags_arrive_100_ms_after_the_exposure_at_15_per_second() -> None:
-    seen = published(Camera(CONFIG, VEHICLE, None, seed=1), 2.0)
+    seen = published(CameraSimulator(CONFIG, VEHICLE, None, seed=1), 2.0)
     assert topics.CAMERA.name not in seen
     messages = decoded(TagCorners, seen[topics.TAG_CORNERS.name])
     assert len(messages) in {28, 29}
@@ -129,7 +129,7 @@ def test_projected_tags_arrive_100_ms_after_the_exposure_at_15_per_second() -> N
 
 
 def test_rendered_pictures_keep_their_exposure_time_and_count_up() -> None:
-    seen = published(Camera(CameraConfig(), VEHICLE, Grey(), seed=1), 1.0)
+    seen = published(CameraSimulator(CameraConfig(), VEHICLE, Grey(), seed=1), 1.0)
     assert topics.TAG_CORNERS.name not in seen
     frames = [message for _, message in decoded(CameraFrame, seen[topics.CAMERA.name])]
     assert len(frames) >= 12
@@ -140,7 +140,7 @@ def test_rendered_pictures_keep_their_exposure_time_and_count_up() -> None:
 
 
 def test_a_frame_is_followed_by_its_preview_twice_a_second() -> None:
-    seen = published(Camera(CameraConfig(), VEHICLE, Grey(), seed=1), 3.2)
+    seen = published(CameraSimulator(CameraConfig(), VEHICLE, Grey(), seed=1), 3.2)
     frames = dict(decoded(CameraFrame, seen[topics.CAMERA.name]))
     previews = decoded(CameraPreview, seen[topics.CAMERA_PREVIEW.name])
     assert len(previews) in {6, 7}
@@ -151,16 +151,16 @@ def test_a_frame_is_followed_by_its_preview_twice_a_second() -> None:
 
 
 def test_projected_tags_have_no_previews() -> None:
-    assert topics.CAMERA_PREVIEW.name not in published(Camera(CONFIG, VEHICLE, None, seed=1), 1.0)
+    assert topics.CAMERA_PREVIEW.name not in published(CameraSimulator(CONFIG, VEHICLE, None, seed=1), 1.0)
 
 
 def test_a_slower_camera_takes_every_third_scene() -> None:
-    seen = published(Camera(CONFIG, VehicleConfig(camera=CameraMountConfig(rate_hz=5.0)), None, seed=1), 3.0)
+    seen = published(CameraSimulator(CONFIG, VehicleConfig(camera=CameraMountConfig(rate_hz=5.0)), None, seed=1), 3.0)
     assert len(seen[topics.TAG_CORNERS.name]) in {14, 15}
 
 
 def test_it_describes_itself_once_a_second() -> None:
-    seen = published(Camera(CONFIG, VEHICLE, None, seed=1), 3.5)
+    seen = published(CameraSimulator(CONFIG, VEHICLE, None, seed=1), 3.5)
     assert len(seen[topics.CAMERA_INFO.name]) == 4
 
 
@@ -169,7 +169,7 @@ def test_a_new_epoch_drops_what_was_on_its_way() -> None:
     seen: list[int] = []
     scenes = Scenes()
     bus.add(scenes)
-    bus.add(Camera(CONFIG, VEHICLE, None, seed=1))
+    bus.add(CameraSimulator(CONFIG, VEHICLE, None, seed=1))
     bus.run_for(0.5)
     scenes.epoch_id = 2
     bus.observe(lambda t_ns, topic, data: seen.append(t_ns) if topic == topics.TAG_CORNERS.name else None)
@@ -178,7 +178,7 @@ def test_a_new_epoch_drops_what_was_on_its_way() -> None:
 
 
 def test_the_same_seed_finds_the_same_tags() -> None:
-    first, again, other = (published(Camera(CONFIG, VEHICLE, None, seed), 1.0) for seed in (1, 1, 2))
+    first, again, other = (published(CameraSimulator(CONFIG, VEHICLE, None, seed), 1.0) for seed in (1, 1, 2))
     assert first == again
     assert first != other
 
