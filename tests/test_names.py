@@ -8,7 +8,7 @@ ROOT = Path(__file__).parents[1]
 MIRROR = ROOT / "jezero" / "aio"
 """The classes of the client once more, with the same names, for asyncio."""
 OF_PEOPLE = ("Goal", "Refused")
-"""Names of the Python SDK, which people read: a goal that was sent, and the error of a refusal; messages have them too."""
+"""Names of the Python SDK, which people read: a goal that was sent, and the error of a refusal. Messages share them."""
 
 
 def test_each_name_stands_for_one_class() -> None:

@@ -94,7 +94,7 @@ def test_an_origin_of_ones_own_is_not_that_of_the_stack(words: list[str], stack:
     [
         (("--resolution", "1e-9"), "needs about 1.6e+19 pictures, more than 3000: take a coarser resolution"),
         (("--resolution", "1e-300"), "take a coarser resolution"),
-        (("--resolution", "1e300"), "wrong number"),
+        (("--resolution", "1e300"), "expected a number from 0 to"),
         (("--z", "-1e5"), "beyond the limit of 120 m"),
         (("--speed", "-3"), "speed -3 m/s is not within"),
         (("--speed", "1e300"), "is not within"),

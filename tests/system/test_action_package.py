@@ -104,7 +104,7 @@ def test_the_command_line_lists_and_flies_it(hovering: Stack) -> None:
 def test_wrong_words_are_explained(hovering: Stack) -> None:
     unknown = hovering.jezero("action", "send", NAME, "edge_m=2", check=False)
     assert unknown.returncode == 2
-    assert "there is no field 'edge_m'; known are side_m" in unknown.stderr
+    assert "there is no field 'edge_m'; did you mean 'side_m'? Known are side_m" in unknown.stderr
     too_long = hovering.jezero("action", "send", NAME, "side_m=51", check=False)
     assert too_long.returncode == 2
     assert "side_m" in too_long.stderr

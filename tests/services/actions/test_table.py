@@ -50,7 +50,7 @@ def test_the_settings_of_a_packages_action_are_recorded_and_replayed(monkeypatch
     assert [settings.mine_mps for settings in made] == [3.0, 3.0, 0.5]
     with pytest.raises(SettingError, match="mine: Expected `float`, got `str`"):
         make_service(run, {"mine_mps": '"fast"'})
-    with pytest.raises(SettingError, match="did you mean mine_mps"):
+    with pytest.raises(SettingError, match="did you mean 'mine_mps'"):
         make_service(run, {"mine_m": "1"})
 
 

@@ -177,15 +177,15 @@ def guarded(code: Returns) -> Plan | Refusal:
         (replace(MOVE, pitch_camera_rad=-1.0), "declare the Action with points_camera=True"),
         (replace(MOVE, pos_ned_m=(0.0, 0.0, nan)), "Setpoint.pos_ned_m[2] is nan"),
         (replace(MOVE, pos_ned_m=None), "neither pos_ned_m nor vel_ned_mps"),
-        (replace(MOVE, pos_ned_m=(0.0, 0.0)), "Expected `array` of length 3 - at `$.pos_ned_m`"),
+        (replace(MOVE, pos_ned_m=(0.0, 0.0)), "Move: pos_ned_m: expected a list of length 3"),
         (replace(MOVE, pos_ned_m=np.zeros(3)), "such as tuple(array.tolist())"),
-        (replace(MOVE, vel_ned_mps=(2000.0, 0.0, 0.0)), "Expected `float` <= 1000.0 - at `$.vel_ned_mps[0]`"),
-        (replace(MOVE, yaw_rad=90.0), "at `$.yaw_rad`"),
+        (replace(MOVE, vel_ned_mps=(2000.0, 0.0, 0.0)), "vel_ned_mps[0]: expected a number from -1000 to 1000"),
+        (replace(MOVE, yaw_rad=90.0), "yaw_rad: expected a number from -6.2832 to 6.2832"),
         (replace(MOVE, target_ned_m=(inf, 0.0, 0.0)), "Move.target_ned_m: "),
         (replace(MOVE, frame=MovingFrame((nan, 0.0, 0.0))), "Move.frame: "),
         (replace(MOVE, feedback=GOAL), "feedback (GoToGoal): "),
         (replace(MOVE, feedback=MoveFeedback(pos_uav_ned_m=(0.0, 0.0, 0.0), distance_m=inf)), "distance_m is inf"),
-        (Done("failed"), "Done: Invalid enum value 'failed'"),  # type: ignore[arg-type]
+        (Done("failed"), "Done: outcome: there is no value 'failed'"),  # type: ignore[arg-type]
         (Done("aborted", hover_pos_ned_m=(nan, 0.0, 0.0)), "hover_pos_ned_m[0] is nan"),
     ],
 )
@@ -205,12 +205,12 @@ START: Any = Returns()
     ("plan", "sentence"),
     [
         ("fly", "plan returned str, not a Plan or a Refusal"),
-        (Refusal(None), "Expected `str`, got `null`"),  # type: ignore[arg-type]
+        (Refusal(None), "reason: expected a text, not nothing"),  # type: ignore[arg-type]
         (Plan(START, inputs=(UWB,)), "names sensor/uwb, which no behaviour of this action gets; there are"),
         (Plan(START, capture=CAPTURE), "declare the Action with takes_pictures=True"),
         (Plan(START, rate_hz=-1.0), "rate_hz is -1"),
-        (Plan(START, override=("everything",)), "at `$.override[0]`"),  # type: ignore[arg-type]
-        (Plan(START, warning=5), "at `$.warning`"),  # type: ignore[arg-type]
+        (Plan(START, override=("everything",)), "override[0]: there is no value 'everything'"),  # type: ignore[arg-type]
+        (Plan(START, warning=5), "warning: expected a text, not a whole number"),  # type: ignore[arg-type]
     ],
 )
 def test_a_plan_that_can_not_be_used_refuses_the_goal(plan: Any, sentence: str) -> None:
