@@ -2,6 +2,12 @@
 
 import signal
 
+from jezero.base import plugins
+
+plugins.GROUP = "jezero.actions.none"
+"""The actions of packages that are installed beside jezero are left out of what runs in the tests' own process: each of
+them would change the flights and missions of all seeds."""
+
 
 def pytest_configure() -> None:
     """Let Ctrl+C reach the programs that tests start, also where the tests run in the background of a script.
