@@ -58,6 +58,16 @@ def test_odometry_is_vehicle_time_and_world_ned() -> None:
     assert received.std_pos_m == pytest.approx(0.3)
 
 
+def test_the_echo_of_a_setpoint_has_the_time_since_the_autopilots_boot_and_nan_in_each_axis_that_is_masked() -> None:
+    fields = (1.0, 2.0, -3.0, 0.5, 0.25, -0.125, 0.0, 0.0, 0.0, 0.0, 0.0)
+    for mask, expected in ((0b000111, (nan, nan, nan, 0.5, 0.25, -0.125)), (0b111000, (1.0, 2.0, -3.0, nan, nan, nan))):
+        message = dialect.MAVLink_position_target_local_ned_message(1500, 1, mask, *fields)
+        echo = receive(AutopilotLink(1), message).setpoint_echo
+        assert echo is not None
+        assert echo.t_ns == 1_500_000_000
+        assert (*echo.pos_ned_m, *echo.vel_ned_mps) == pytest.approx(expected, nan_ok=True)
+
+
 def test_velocity_in_the_body_frame_is_turned_into_ned() -> None:
     link = AutopilotLink(1)
     receive(link, odometry(child_frame=dialect.MAV_FRAME_BODY_FRD, yaw_rad=1.5707963))
