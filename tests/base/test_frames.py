@@ -67,6 +67,14 @@ def test_a_turn_is_undone_by_its_conjugate_and_keeps_lengths(turn: Vec3, vector:
     assert frames.quat_rotate(frames.quat_conjugate(q), there) == pytest.approx(vector, abs=1e-6)
 
 
+@given(st.tuples(angles, angles, angles), vectors)
+def test_the_matrix_of_a_quaternion_turns_a_vector_as_the_quaternion_does(turn: Vec3, vector: Vec3) -> None:
+    q = frames.quat_from_rotation_vector(turn)
+    matrix = frames.rotation_matrix(q)
+    turned = tuple(sum(matrix[3 * row + i] * vector[i] for i in range(3)) for row in range(3))
+    assert turned == near(frames.quat_rotate(q, vector))
+
+
 @given(vectors)
 def test_a_local_position_survives_latitude_and_longitude(pos_ned_m: Vec3) -> None:
     origin_deg = (47.4, 8.5, 488.0)

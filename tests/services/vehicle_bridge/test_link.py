@@ -193,6 +193,15 @@ def test_a_missing_origin_is_requested_once_a_second_and_a_known_one_every_five_
     assert link.request_origin(16 * S), "another autopilot"
 
 
+def test_the_critical_level_of_the_battery_is_requested_every_two_seconds_until_it_is_known() -> None:
+    link, ms = AutopilotLink(1), 1_000_000
+    assert [bool(link.request_battery_critical(at * ms)) for at in (0, 20, 1980, 2000, 2020, 4000)] == [
+        True, False, False, True, False, True,
+    ]  # fmt: skip
+    link.telemetry.battery_critical = 0.07
+    assert link.request_battery_critical(6000 * ms) == b""
+
+
 def test_the_same_flight_gives_the_same_bytes() -> None:
     def flight() -> list[object]:
         rig = Rig().fly()

@@ -1,11 +1,12 @@
-"""A landing on a spot by the vehicle's own position: the climb before the approach, and the climb after a slide."""
+"""A landing on a spot by the vehicle's own position: its climbs before the approach and after a slide, and a tilt over
+what it touches."""
 
 import pytest
 
-from jezero.base.frames import Vec3
+from jezero.base.frames import Quat, Vec3, quat_from_euler
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.land_on_spot.config import LandOnSpotConfig, PlainLandingConfig
-from jezero.services.actions.land_on_spot.plain_landing import PlainLanding
+from jezero.services.actions.land_on_spot.plain_landing import PlainLanding, TiltContactDetector
 from jezero.services.actions.motion.behaviour import Move, VehicleState
 
 S = 1_000_000_000
@@ -72,3 +73,39 @@ def test_a_vehicle_that_slides_over_the_ground_climbs_and_comes_down_again(direc
     step(at((north * slid_m, east * slid_m, -1.6), 1.6))
     again = step(at((north * slid_m, east * slid_m, -1.6), 1.6)).vel_ned_mps
     assert again is not None and again[2] > 0.0
+
+
+def tilted(angle_rad: float, *, sideways: bool) -> Quat:
+    return quat_from_euler(angle_rad, 0.0, 0.0) if sideways else quat_from_euler(0.0, angle_rad, 0.0)
+
+
+@pytest.mark.parametrize("sideways", [False, True])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("free_rad", "tilt_rad", "down_mps", "stalled_s", "tilts"),
+    [
+        (0.0, 0.19, 0.0, 0.3, True),
+        (0.0, 0.16, 0.0, 0.3, False),
+        (0.0, 0.19, 0.24, 0.3, True),
+        (0.0, 0.19, 0.26, 0.3, False),
+        (0.0, 0.19, 0.0, 0.1, False),
+        (0.25, 0.25, 0.0, 0.3, False),
+        (-0.1, 0.19, 0.0, 0.3, True),
+    ],
+    ids=["an edge", "level ground", "slow", "a gust while it descends", "for a moment", "the wind", "against the wind"],
+)
+def test_a_tilt_counts_as_contact_above_ten_degrees_more_than_in_the_air_in_a_descent_that_has_stopped(
+    free_rad: float, tilt_rad: float, down_mps: float, stalled_s: float, tilts: bool, sign: float, sideways: bool
+) -> None:
+    """0.17 rad are permitted, half of the commanded 0.5 m/s, and 0.2 s."""
+    detector, t_ns, found = TiltContactDetector(), 0, []
+    for q, vel_down_mps, duration_s in (
+        (tilted(sign * free_rad, sideways=sideways), 0.5, 4.0),
+        (tilted(sign * tilt_rad, sideways=sideways), down_mps, stalled_s),
+    ):
+        for _ in range(round(duration_s * S / DT_NS)):
+            t_ns += DT_NS
+            state = VehicleState((0.0, 0.0, -1.0), (0.0, 0.0, vel_down_mps), q, armed=True, landed=False)
+            found.append(detector.update(t_ns, state, 0.5))
+    assert found[-1] is tilts
+    assert not any(found[:200]), "in the air"
