@@ -26,6 +26,10 @@ def test_east_north_up_becomes_north_east_down_and_back(enu: Vec3, ned: Vec3) ->
     assert frames.enu_from_ned(ned) == enu
 
 
+def test_a_scalar_product_has_all_three_axes() -> None:
+    assert frames.dot((1.0, 2.0, 3.0), (4.0, -5.0, 6.0)) == 12.0
+
+
 def test_up_is_negative_down() -> None:
     assert frames.altitude_m(-4.0) == 4.0
     assert frames.z_ned_m(4.0) == -4.0
