@@ -6,6 +6,7 @@
 # make test-all   every check, long flights too: an hour or so; this is what the CI runs
 # make campaign   three minutes of missions with faults; the seeds follow from the commit
 # make broken     fly bridges that are broken on purpose with full physics until each is caught: ten minutes or so
+# make mutants    change random lines of the safety code, and see whether a unit test notices: twenty minutes or so
 # make walk       run the commands of README and docs as a reader would: ten minutes or so
 # make pages      fly a stack from the ground station's page, in a real browser: two minutes or so
 # make speed      measure speed and cost: one table, and runs/bench.json
@@ -23,7 +24,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 DOCS_INSTALLED := $(VENV)/.docs-installed
 
-.PHONY: setup demo lint style types contracts unit test test-all campaign broken walk pages speed reference images image docs
+.PHONY: setup demo lint style types contracts unit test test-all campaign broken mutants walk pages speed reference images image docs
 
 setup: $(INSTALLED)
 
@@ -64,6 +65,9 @@ campaign: setup
 
 broken: setup
 	$(BIN)/pytest -q -s -m slow tests/scenario/test_broken_builds.py
+
+mutants: setup
+	$(BIN)/python -m benchmarks.quality.mutants
 
 walk: setup
 	$(BIN)/pytest -q -m slow tests/system/test_docs_commands.py

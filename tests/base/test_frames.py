@@ -26,6 +26,10 @@ def test_east_north_up_becomes_north_east_down_and_back(enu: Vec3, ned: Vec3) ->
     assert frames.enu_from_ned(ned) == enu
 
 
+def test_a_scalar_product_has_all_three_axes() -> None:
+    assert frames.dot((1.0, 2.0, 3.0), (4.0, -5.0, 6.0)) == 12.0
+
+
 def test_up_is_negative_down() -> None:
     assert frames.altitude_m(-4.0) == 4.0
     assert frames.z_ned_m(4.0) == -4.0
@@ -65,6 +69,14 @@ def test_a_turn_is_undone_by_its_conjugate_and_keeps_lengths(turn: Vec3, vector:
     there = frames.quat_rotate(q, vector)
     assert frames.norm(there) == pytest.approx(frames.norm(vector), abs=1e-6)
     assert frames.quat_rotate(frames.quat_conjugate(q), there) == pytest.approx(vector, abs=1e-6)
+
+
+@given(st.tuples(angles, angles, angles), vectors)
+def test_the_matrix_of_a_quaternion_turns_a_vector_as_the_quaternion_does(turn: Vec3, vector: Vec3) -> None:
+    q = frames.quat_from_rotation_vector(turn)
+    matrix = frames.rotation_matrix(q)
+    turned = tuple(sum(matrix[3 * row + i] * vector[i] for i in range(3)) for row in range(3))
+    assert turned == near(frames.quat_rotate(q, vector))
 
 
 @given(vectors)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from jezero.base.arrays import Array
 from jezero.base.vehicle_config import PlatformConfig
 from jezero.services.estimator.config import Tuning, ValidityConfig
 from jezero.services.estimator.consistency import HEADINGS_MIN, ConsistencyMonitor
@@ -28,6 +29,7 @@ from tests.services.estimator.test_filter import (
 )
 
 REL_M = POS_UAV_M - POS_ROVER_M
+S = 1000 * MS
 
 
 def pairs(errors_m: tuple[float, float, float, float]) -> list[tuple[TagMeasurement, UwbMeasurement]]:
@@ -110,6 +112,41 @@ def test_headings_of_the_tag_that_differ_again_and_again_show_the_error_of_the_r
         assert monitor.heading_error_rad(tag, kalman) is None
     assert monitor.heading_error_rad(wrong, kalman) == pytest.approx(0.8)
     assert "the rover's heading was corrected by -46 degrees" in monitor.left_out
+
+
+class TurnedWindow:
+    """The place by UWB of a vehicle on a circle of 2 m around the rover, turned about the rover."""
+
+    def __init__(self, turn_rad: float) -> None:
+        self._turn_rad = turn_rad
+
+    def position(self, t_ns: int, vel_rel_mps: Array, yaw_rad: float) -> tuple[Array, Array]:
+        angle_rad = t_ns / S + self._turn_rad
+        return 2.0 * np.array((np.cos(angle_rad), np.sin(angle_rad), -3.0)), 1e-6 * np.eye(3)
+
+
+@pytest.mark.parametrize("turn_rad", [1.0, -1.0])
+def test_the_first_turn_of_the_path_by_uwb_corrects_the_rovers_heading_and_only_the_next_leaves_uwb_out(
+    turn_rad: float,
+) -> None:
+    monitor, kalman, window = ConsistencyMonitor(0.5), kalman_at(POS_UAV_M, 0.05), TurnedWindow(turn_rad)
+    corrections_rad: list[float] = []
+    for ms in range(0, 30_000, 50):
+        kalman.predict_to(ms * MS)
+        angle_rad = ms / 1000.0
+        pos_vel = 2.0 * np.array((np.cos(angle_rad), np.sin(angle_rad), -3.0, -np.sin(angle_rad), np.cos(angle_rad), 0))
+        measured: list[Measurement] = [
+            OdometryMeasurement(ms * MS, pos_vel),
+            RoverOdometryMeasurement(ms * MS, 0.0, 0.0, 0.0, 0.03, 0.03, 0.01),
+        ]
+        monitor.follow_motion(measured, kalman)
+        found_rad = monitor.check_motion(measured, kalman, window)  # type: ignore[arg-type]
+        if found_rad is not None:
+            corrections_rad.append(found_rad)
+            assert monitor.uwb_left_out == ""
+            assert "the rover's heading was corrected by" in monitor.heading_turned
+    assert corrections_rad == [pytest.approx(turn_rad, abs=0.01)]
+    assert "its path is turned by" in monitor.uwb_left_out
 
 
 def test_ranges_that_come_back_one_anchor_after_the_other_contradict_nothing() -> None:

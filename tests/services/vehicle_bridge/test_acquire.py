@@ -115,6 +115,19 @@ def test_a_goal_from_before_the_bridge_started_is_not_flown_as_nobody_may_rememb
     assert rig.request(ACQUIRE, Acquire(goal_id="new", action="go_to", goal_issued_t_ns=rig.t_ns)).granted
 
 
+def test_a_goal_that_has_flown_is_not_flown_again_and_one_that_sent_no_setpoint_may_still_be() -> None:
+    rig = Rig().fly()
+    control_id = rig.go("go_to", Phase.GO_TO)
+    rig.setpoint(control_id, Phase.GO_TO)
+    assert rig.release(control_id, hover_pos_ned_m=(0.0, 0.0, -2.0)).released
+    again = rig.acquire("go_to", goal_id="goal-go_to")
+    assert not again.granted
+    assert again.reason == "this goal has flown already, and a goal runs once: send it with a new id"
+    waiting = rig.acquire("go_to", goal_id="waiting")
+    assert rig.release(waiting.control_id, "canceled").released
+    assert rig.acquire("go_to", goal_id="waiting").granted
+
+
 def test_a_request_that_only_checks_gets_the_decision_and_changes_nothing() -> None:
     rig = Rig().fly()
     before = rig.status

@@ -58,6 +58,16 @@ def test_odometry_is_vehicle_time_and_world_ned() -> None:
     assert received.std_pos_m == pytest.approx(0.3)
 
 
+def test_the_echo_of_a_setpoint_has_the_time_since_the_autopilots_boot_and_nan_in_each_axis_that_is_masked() -> None:
+    fields = (1.0, 2.0, -3.0, 0.5, 0.25, -0.125, 0.0, 0.0, 0.0, 0.0, 0.0)
+    for mask, expected in ((0b000111, (nan, nan, nan, 0.5, 0.25, -0.125)), (0b111000, (1.0, 2.0, -3.0, nan, nan, nan))):
+        message = dialect.MAVLink_position_target_local_ned_message(1500, 1, mask, *fields)
+        echo = receive(AutopilotLink(1), message).setpoint_echo
+        assert echo is not None
+        assert echo.t_ns == 1_500_000_000
+        assert (*echo.pos_ned_m, *echo.vel_ned_mps) == pytest.approx(expected, nan_ok=True)
+
+
 def test_velocity_in_the_body_frame_is_turned_into_ned() -> None:
     link = AutopilotLink(1)
     receive(link, odometry(child_frame=dialect.MAV_FRAME_BODY_FRD, yaw_rad=1.5707963))
@@ -181,6 +191,15 @@ def test_a_missing_origin_is_requested_once_a_second_and_a_known_one_every_five_
     assert [t_s for t_s in range(4, 16) if link.request_origin(t_s * S)] == [8, 13]
     link.reset()
     assert link.request_origin(16 * S), "another autopilot"
+
+
+def test_the_critical_level_of_the_battery_is_requested_every_two_seconds_until_it_is_known() -> None:
+    link, ms = AutopilotLink(1), 1_000_000
+    assert [bool(link.request_battery_critical(at * ms)) for at in (0, 20, 1980, 2000, 2020, 4000)] == [
+        True, False, False, True, False, True,
+    ]  # fmt: skip
+    link.telemetry.battery_critical = 0.07
+    assert link.request_battery_critical(6000 * ms) == b""
 
 
 def test_the_same_flight_gives_the_same_bytes() -> None:

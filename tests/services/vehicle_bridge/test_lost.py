@@ -2,6 +2,7 @@
 
 import pytest
 
+from jezero.base.mavlink import dialect
 from jezero.base.vehicle_config import VehicleConfig, VehicleLimitsConfig
 from jezero.runtime.service import Subscribe
 from jezero.schemas.commands import Abort, Acquire, Hover, Phase, Release
@@ -20,6 +21,17 @@ def test_a_position_reset_moves_the_hover_point_along() -> None:
     assert rig.autopilot.setpoints[-1].x == pytest.approx(1.5)
     assert rig.odometry[-1].reset_counter == 1
     assert rig.odometry[-1].reset_offset_ned_m == pytest.approx((1.5, 0.0, 0.0))
+
+
+def test_a_position_reset_brings_no_hover_point_to_a_vehicle_that_the_wind_has_pushed_off_it() -> None:
+    rig = Rig().fly()
+    rig.autopilot.pos[:2] = [0.4, -0.3]
+    rig.run(0.1)
+    rig.autopilot.pos[:2] = [1.9, -2.3]
+    rig.autopilot.reset_counter += 1
+    rig.step()
+    rig.run(0.1)
+    assert (rig.autopilot.setpoints[-1].x, rig.autopilot.setpoints[-1].y) == pytest.approx((1.5, -2.0))
 
 
 def test_a_hover_point_that_a_position_reset_moves_beyond_the_limits_is_given_up_for_where_the_vehicle_is() -> None:
@@ -79,6 +91,21 @@ def test_a_silent_autopilot_ends_the_goal_then_the_hover() -> None:
     rig.autopilot.setpoints.clear()
     rig.run(1.0)
     assert rig.autopilot.setpoints == []
+
+
+def test_odometry_that_stops_beside_heartbeats_that_go_on_ends_the_goal_after_a_second(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig = Rig().fly()
+    control_id = rig.go("go_to", Phase.GO_TO)
+    armed = 1 | dialect.MAV_MODE_FLAG_SAFETY_ARMED
+    heartbeat = dialect.MAVLink_heartbeat_message(2, 12, armed, MODES["OFFBOARD"], dialect.MAV_STATE_ACTIVE, 3)
+    monkeypatch.setattr(rig.autopilot, "telemetry", lambda: rig.autopilot.codec.pack(heartbeat))
+    rig.run(0.9, lambda: rig.setpoint(control_id, Phase.GO_TO))
+    assert rig.status.code == 4
+    rig.run(0.4, lambda: rig.setpoint(control_id, Phase.GO_TO))
+    assert rig.codes[-3:] == [4, 12, 3]
+    assert "no telemetry" in rig.status.text
 
 
 def test_telemetry_that_comes_back_in_time_leaves_the_hover() -> None:

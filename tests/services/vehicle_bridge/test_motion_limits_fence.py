@@ -76,6 +76,38 @@ def test_a_speed_towards_the_fence_is_one_from_which_the_vehicle_stops_in_front_
     assert "'field'" in reason
 
 
+@pytest.mark.parametrize(
+    ("vehicle", "limited_to_mps"),
+    [
+        (at((0.0, 11.5, -3.0)), None),
+        (at((0.0, 11.7, -3.0)), (0.0, 3.975, 0.0)),
+        (at((-11.5, 0.0, -3.0)), None),
+        (at((-11.7, 0.0, -3.0)), (-3.975, 0.0, 0.0)),
+        (at((0.0, 0.0, -1.5)), None),
+        (at((0.0, 0.0, -1.7)), (0.0, 0.0, -3.975)),
+    ],
+)
+def test_four_metres_per_second_are_limited_from_where_the_vehicle_can_just_stop_on(
+    vehicle: VehicleSnapshot, limited_to_mps: Vec3 | None
+) -> None:
+    """4 m/s need 8 m at 1 m/s², and 0.4 m are kept: 8.5 m are enough, and in 8.3 m stops what has √(2 · 7.9) m/s."""
+    assert vehicle.pos_ned_m is not None
+    north_m, east_m, _ = vehicle.pos_ned_m
+    wanted = (0.0, 4.0, 0.0) if east_m else (-4.0, 0.0, 0.0) if north_m else (0.0, 0.0, -4.0)
+    limited, reason = limited_target(FENCE, LIMITS, speed(wanted), vehicle, floor_holds=True)
+    assert limited.vel_ned_mps == pytest.approx(limited_to_mps or wanted, abs=0.001)
+    assert bool(reason) is (limited_to_mps is not None)
+
+
+def test_an_edge_holds_back_a_way_that_meets_it_before_the_vehicle_has_stopped_and_no_other() -> None:
+    """From 2.5 m/s it stops in 3.125 m, 1.9 m west of the middle of the crater's edge and 0.37 or 0.53 m south of it;
+    0.4 m are kept. The crater's corner is 3.16 m away, and √(2 · 2.76) = 2.35 m/s are permitted towards it."""
+    vehicle = at((3.0, -5.0, -3.0))
+    passes_by, meets = speed((0.375, 2.4725, 0.0)), speed((0.5, 2.45, 0.0))
+    assert limited_target(FENCE, LIMITS, passes_by, vehicle, floor_holds=True) == (passes_by, "")
+    assert "'crater'" in limited_target(FENCE, LIMITS, meets, vehicle, floor_holds=True)[1]
+
+
 def test_the_speed_along_the_fence_stays() -> None:
     limited, _ = limited_target(FENCE, LIMITS, speed((2.0, 9.0, 0.0)), at((0.0, 19.6, -3.0)), floor_holds=True)
     assert limited.vel_ned_mps == pytest.approx((2.0, 0.0, 0.0), abs=1e-6)

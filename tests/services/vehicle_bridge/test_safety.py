@@ -1,10 +1,14 @@
 """Aborts, kills and failsafes."""
 
+from math import pi
+
 import pytest
 
 from jezero.base.frames import quat_from_euler
 from jezero.schemas.commands import Abort, Hover, Phase
 from jezero.schemas.topics import ABORT, HOVER
+from jezero.services.vehicle_bridge.authority import press_down_target
+from jezero.services.vehicle_bridge.vehicle import Target, VehicleSnapshot
 from tests.services.vehicle_bridge.rig import ARM, CRITICAL, MODES, Rig
 
 TARGETS = [("go_to", Phase.GO_TO), ("land_on_spot", Phase.LANDING)]
@@ -317,3 +321,13 @@ def test_an_auto_disarm_before_lift_off_ends_the_takeoff() -> None:
 
 
 # -- position resets ---------------------------------------------------------------------------------------
+
+
+def test_a_vehicle_is_pressed_down_with_the_velocity_of_the_platform_and_straight_down_without_one() -> None:
+    east = VehicleSnapshot(t_ns=0, timer_ns=0, q_ned_from_frd=quat_from_euler(0.0, 0.0, pi / 2.0))
+    landing = Target(None, (0.4, -0.3, 0.2), (1.0, 1.0, 1.0), 0.7)
+    assert press_down_target(landing, east) == Target(None, (0.4, -0.3, 0.5), None, 0.7)
+    for without in (None, Target((1.0, 2.0, -3.0), None, None, pi / 2.0)):
+        pressed = press_down_target(without, east)
+        assert pressed.vel_ned_mps == (0.0, 0.0, 0.5)
+        assert pressed.yaw_rad == pytest.approx(pi / 2.0)

@@ -10,8 +10,8 @@ from jezero.base.frames import Vec3
 from jezero.base.mavlink import MavlinkCodec, dialect
 from jezero.schemas.commands import Hover, Phase
 from jezero.schemas.topics import HOVER
-from jezero.services.vehicle_bridge.takeover import ForeignSetpointDetector, SetpointEcho
-from jezero.services.vehicle_bridge.vehicle import Target
+from jezero.services.vehicle_bridge.takeover import ForeignSetpointDetector, SetpointEcho, UnarmableModeDetector
+from jezero.services.vehicle_bridge.vehicle import Target, VehicleSnapshot
 from tests.services.vehicle_bridge.rig import CRITICAL, MODES, SECRET, SET_MODE, Rig
 
 S = 1_000_000_000
@@ -254,6 +254,59 @@ def test_a_mode_that_others_may_be_about_to_arm_in_is_theirs(mode: str, armable:
     rig = landed_by_others(mode, armable=armable)
     assert rig.autopilot.commands == []
     assert rig.status.code == 0
+
+
+def holds_at(*modes: tuple[float, str, bool], own_flight: bool, at_s: float) -> bool:
+    """Whether hold mode is commanded at a time after a flight.
+
+    Args:
+        modes: each with the time in s from which on the disarmed autopilot is in it, and whether it can be armed there.
+        own_flight: the bridge flew.
+        at_s: the time.
+    """
+    detector = UnarmableModeDetector()
+    detector.reset(VehicleSnapshot(t_ns=0, timer_ns=0), own_flight=own_flight)
+    commanded = False
+    for step in range(round(at_s * 10) + 1):
+        mode, armable = [(mode, armable) for since_s, mode, armable in modes if 10 * since_s <= step][-1]
+        commanded = detector.update(
+            VehicleSnapshot(t_ns=0, timer_ns=step * 100 * MS, armed=False, mode=mode, armable=armable)
+        )
+    return commanded
+
+
+@pytest.mark.parametrize(
+    ("modes", "at_s", "holds"),
+    [
+        ([(0.0, "OFFBOARD", True)], 4.9, True),
+        ([(0.0, "OFFBOARD", True)], 5.1, False),
+        ([(0.0, "", True), (1.0, "OFFBOARD", True)], 1.0, True),
+        ([(0.0, "OFFBOARD", True), (1.0, "POSCTL", True)], 1.0, False),
+        ([(0.0, "POSCTL", True), (1.0, "OFFBOARD", True)], 1.0, False),
+    ],
+    ids=["soon", "late", "unknown at first", "a pilot's mode", "a pilot's since"],
+)
+def test_after_its_own_flight_the_bridge_leaves_an_unarmable_mode_for_five_seconds_until_a_pilot_changes_it(
+    modes: list[tuple[float, str, bool]], at_s: float, holds: bool
+) -> None:
+    assert holds_at(*modes, own_flight=True, at_s=at_s) is holds
+
+
+@pytest.mark.parametrize(
+    ("modes", "at_s", "holds"),
+    [
+        ([(0.0, "OFFBOARD", False)], 1.9, False),
+        ([(0.0, "OFFBOARD", False)], 2.1, True),
+        ([(0.0, "OFFBOARD", True)], 4.0, False),
+        ([(0.0, "POSCTL", False)], 4.0, False),
+        ([(0.0, "OFFBOARD", True), (7.0, "OFFBOARD", False)], 9.5, True),
+        ([(0.0, "OFFBOARD", True), (9.0, "OFFBOARD", False)], 11.5, False),
+    ],
+)
+def test_after_a_foreign_flight_it_waits_two_seconds_in_which_nobody_can_arm_and_no_longer_than_ten(
+    modes: list[tuple[float, str, bool]], at_s: float, holds: bool
+) -> None:
+    assert holds_at(*modes, own_flight=False, at_s=at_s) is holds
 
 
 # -- foreign setpoint detector -----------------------------------------------------------------------------

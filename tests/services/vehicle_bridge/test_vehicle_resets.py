@@ -2,7 +2,7 @@
 
 import pytest
 
-from jezero.services.vehicle_bridge.vehicle import RESETS_MAX, ResetHistory
+from jezero.services.vehicle_bridge.vehicle import RESETS_MAX, ResetHistory, Target
 
 S = 1_000_000_000
 
@@ -34,3 +34,11 @@ def test_counters_of_the_future_and_of_long_ago_are_unknown() -> None:
     assert resets.step_since(0) is None
     assert resets.step_since(1) is not None
     assert resets.step_since(RESETS_MAX + 1) is None
+
+
+def test_a_step_moves_the_point_of_a_target_and_leaves_a_velocity_as_it_is() -> None:
+    step_ned_m = (0.5, -0.25, 0.125)
+    moved = Target((1.0, 2.0, -3.0), (1.0, 0.0, 0.0), None, 0.3).moved(step_ned_m)
+    assert moved == Target((1.5, 1.75, -2.875), (1.0, 0.0, 0.0), None, 0.3)
+    by_velocity = Target(None, (1.0, 0.0, 0.0), None, 0.3)
+    assert by_velocity.moved(step_ned_m) == by_velocity

@@ -58,3 +58,34 @@ def test_without_drag_in_the_settings_the_wind_is_unknown(drag_rotors_nspm: floa
         )
         estimator.update(odometry, flying)
     assert (estimator.wind is not None) is known
+
+
+def fly_level(estimator: WindEstimator, begin_s: float, end_s: float, wind_ned_mps: Vec3) -> None:
+    """A level flight that the wind carries along."""
+    flying = VehicleSnapshot(t_ns=0, timer_ns=0, armed=True, landed=False, height_m=3.0)
+    for step in range(round(begin_s * 50), round(end_s * 50) + 1):
+        odometry = Odometry(
+            t_ns=1 + step * 20_000_000,
+            epoch_id=1,
+            pos_uav_ned_m=(0.0, 0.0, -3.0),
+            vel_uav_ned_mps=wind_ned_mps,
+            q_ned_from_frd=pitched(0.0),
+            rates_uav_frd_rps=STILL,
+        )
+        estimator.update(odometry, flying)
+
+
+@pytest.mark.parametrize(("north_mps", "east_mps"), [(3.0, 0.0), (0.0, -3.0)])
+def test_the_mean_begins_with_the_first_samples_and_follows_a_wind_that_rises_later(
+    north_mps: float, east_mps: float
+) -> None:
+    """A sample of 0.4 s has 0.08 of the weight: after twelve, 0.92 to the power of 12 is 0.368 of the wind before."""
+    estimator = WindEstimator(AIRFRAME)
+    fly_level(estimator, 0.0, 2.2, (north_mps, east_mps, 0.0))
+    assert estimator.wind is not None
+    assert estimator.wind.mean_ned_mps == pytest.approx((north_mps, east_mps, 0.0))
+    estimator = WindEstimator(AIRFRAME)
+    fly_level(estimator, 0.0, 40.0, STILL)
+    fly_level(estimator, 41.0, 46.0, (north_mps, east_mps, 0.0))  # the gap keeps the jump of the velocity out
+    assert estimator.wind is not None
+    assert estimator.wind.mean_ned_mps == pytest.approx((0.632 * north_mps, 0.632 * east_mps, 0.0), abs=0.01)

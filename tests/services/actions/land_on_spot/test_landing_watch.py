@@ -4,13 +4,14 @@ from math import hypot
 
 import pytest
 
-from jezero.base.frames import add
+from jezero.base.frames import Vec3, add
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.land_on_spot.config import LandingBoundsConfig
+from jezero.services.actions.land_on_spot.config import LandingBoundsConfig, RoverLandingConfig
 from jezero.services.actions.land_on_spot.landing_watch import (
     ABOVE_LIMIT_S,
     CONTRADICTED_S,
     INTERRUPTIONS_MAX,
+    LandingWatch,
     WindLimit,
     wind_refusal,
 )
@@ -40,6 +41,31 @@ def test_an_estimate_that_its_inputs_contradict_is_not_followed_and_its_reason_e
     assert (done.outcome, done.then, done.reason) == ("aborted", "hover", landing.contradicted)
     assert landing.t_s == pytest.approx(1.0 + CONTRADICTED_S, abs=0.1)
     assert hypot(landing.pos_m[0] - before_m[0], landing.pos_m[1] - before_m[1]) < 1.5
+
+
+@pytest.mark.parametrize(
+    ("vel_rover_ned_mps", "ends"),
+    [
+        ((2.6, 0.0, 0.0), True),
+        ((0.0, 2.6, 0.0), True),
+        ((0.0, -2.6, 0.0), True),
+        ((1.8, -1.8, 0.0), True),
+        ((0.0, 2.4, 0.0), False),
+        ((1.7, -1.7, 0.0), False),
+    ],
+)
+def test_a_rover_above_its_top_speed_in_any_direction_for_a_second_ends_the_landing(
+    vel_rover_ned_mps: Vec3, ends: bool
+) -> None:
+    """Of 1.8 m/s on both axes 2.55 m/s, of 1.7 m/s 2.40 m/s; the bound is 2.5 m/s."""
+    rig = Landing(BOTH)
+    rig.vel_rover_error_mps = vel_rover_ned_mps
+    watch = LandingWatch(RoverLandingConfig(), 0, rig.state())
+    assert watch.update(NS_PER_S, rig.state(), "approach", "") is None
+    assert watch.update(2 * NS_PER_S - 1, rig.state(), "approach", "") is None
+    done = watch.update(2 * NS_PER_S, rig.state(), "approach", "")
+    assert (done is not None) is ends
+    assert done is None or "the bound is 2.5 m/s (speed_rover_max_mps)" in done.reason
 
 
 def test_a_contradiction_that_ends_soon_only_delays_the_landing() -> None:

@@ -14,10 +14,11 @@ from jezero.services.actions.land_on_spot.platform import (
     COMMIT_M,
     DRIVE_TIME_CONSTANT_S,
     SLOWER_DOWN_MPS2,
+    PlatformState,
 )
-from jezero.services.actions.land_on_spot.rover_landing import SEARCH_SPEED_DOWN_MAX_MPS
-from jezero.services.actions.motion.behaviour import Done, Selection
-from tests.services.actions.land_on_spot.landing_rig import BOTH, DECK_NED_M, DT_S, TAG, Landing
+from jezero.services.actions.land_on_spot.rover_landing import SEARCH_SPEED_DOWN_MAX_MPS, RoverLanding
+from jezero.services.actions.motion.behaviour import Done, Move, Selection
+from tests.services.actions.land_on_spot.landing_rig import BOTH, DECK_NED_M, DT_S, STILL, TAG, Landing
 from tests.services.actions.test_behaviours import plan_of, refusal_of
 
 
@@ -319,3 +320,40 @@ def test_the_cone_does_not_widen_beyond_the_place_where_all_feet_stand_on_the_pl
     assert landing.run(60.0) is None
     room_m, height_m = 0.5 - hypot(0.13, 0.16), altitude_m(landing.offset_m[2])
     assert landing.moves[-1][2].feedback.cone_m == pytest.approx(room_m + 0.08 * height_m, abs=0.02)
+
+
+def test_in_contact_the_feet_are_where_the_present_tilt_puts_them_and_not_the_filtered_one() -> None:
+    """The measured place is that of the feet by the filtered tilt, 5 cm north and 3 cm west of the vehicle."""
+    landing = Landing(BOTH)
+    assert isinstance(landing.behaviour, RoverLanding)
+    landing.behaviour._tracking.feet_ned_m = (0.05, -0.03, 0.0)
+    measured = PlatformState((0.1, 0.2, -0.1), STILL, STILL, 0.0, std_m=0.02)
+    surface = landing.behaviour._on_surface(measured, landing.state())
+    assert surface is not None
+    assert surface.offset_ned_m == pytest.approx((0.05, 0.23))
+    assert surface.std_m == 0.02
+
+
+@pytest.mark.parametrize(("height_m", "phase"), [(1.4, "go_around"), (1.6, "approach")])
+def test_a_go_around_ends_a_metre_and_a_half_above_the_platform_also_when_that_is_out_of_sight(
+    height_m: float, phase: str
+) -> None:
+    landing = Landing(BOTH)
+    behaviour = landing.behaviour
+    assert isinstance(behaviour, RoverLanding)
+    behaviour._phase = "go_around"
+    behaviour._go_arounds.begin(landing.t_ns, "slides", landing.state())
+    behaviour._tracking.platform = PlatformState((0.0, 0.0, -height_m), (0.0, 0.0, -1.5), STILL, 0.0)
+    move = behaviour._go_around(landing.t_ns + 1, 0.02, None, landing.state())
+    assert isinstance(move, Move)
+    assert move.feedback.phase == phase
+    assert move.vel_ned_mps is not None and move.vel_ned_mps[2] <= 0.0
+
+
+def test_by_the_tag_alone_it_stays_so_high_on_its_way_that_the_tag_is_in_view() -> None:
+    for goal, descends in ((TAG, False), (BOTH, True)):
+        behaviour = Landing(goal).behaviour
+        assert isinstance(behaviour, RoverLanding)
+        far, over = (PlatformState((away_m, 0.0, -6.0), STILL, STILL, 0.0) for away_m in (10.0, 0.0))
+        assert (behaviour._approach_mps(far, None) > 0.0) is descends
+        assert behaviour._approach_mps(over, None) > 0.0

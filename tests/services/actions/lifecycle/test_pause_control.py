@@ -4,7 +4,7 @@ from math import cos, sin
 
 import pytest
 
-from jezero.base.frames import Vec3, add, distance, scale
+from jezero.base.frames import Vec3, add, distance, norm, scale
 from jezero.runtime.service import Spec
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import GoToGoal, MoveFeedback, MoveResult
@@ -84,6 +84,68 @@ def test_without_a_pause_nothing_changes() -> None:
     flown.run(3.0)
     assert circle.times_ns == list(range(DT_NS, 3 * S + 1, DT_NS))
     assert flown.moves[-1].vel_ned_mps == (cos(3.0), sin(3.0), 0.0)
+
+
+class North(Circle):
+    """Flies north with a constant speed."""
+
+    def step(self, t_ns: int, state: VehicleState) -> Move | Done:
+        feedback = MoveFeedback(pos_uav_ned_m=state.pos_uav_ned_m, distance_m=0.0)
+        return Move(Phase.ACTION, feedback, vel_ned_mps=(2.0, 0.0, 0.0), acc_ned_mps2=(0.0, 0.0, 0.0))
+
+
+def test_the_deceleration_of_a_pause_and_the_acceleration_after_it_are_fed_forward() -> None:
+    """From 2 m/s with 1 m/s²: two seconds each."""
+    flown = Flown(North())
+    flown.run(1.0)
+    flown.pause.wanted = True
+    flown.run(1.0)
+    assert flown.moves[-1].vel_ned_mps == pytest.approx((1.0, 0.0, 0.0), abs=0.03)
+    assert flown.moves[-1].acc_ned_mps2 == pytest.approx((-1.0, 0.0, 0.0))
+    flown.run(2.0)
+    flown.pause.wanted = False
+    flown.run(1.0)
+    assert flown.moves[-1].acc_ned_mps2 == pytest.approx((1.0, 0.0, 0.0))
+    flown.run(2.0)
+    assert flown.moves[-1].acc_ned_mps2 == pytest.approx((0.0, 0.0, 0.0))
+
+
+class Touchdown(Circle):
+    """The same, which can't be paused from one of its own times to another."""
+
+    def __init__(self, from_ns: int, until_ns: int) -> None:
+        super().__init__()
+        self._from_ns, self._until_ns = from_ns, until_ns
+
+    def pause_refusal(self, state: VehicleState) -> str:
+        touches = self.times_ns and self._from_ns <= self.times_ns[-1] < self._until_ns
+        return "the vehicle touches the ground" if touches else ""
+
+
+def test_a_pause_that_is_refused_slows_nothing_down_and_begins_once_it_may() -> None:
+    plain, refused = Flown(Circle()), Flown(Touchdown(0, 3 * S))
+    plain.run(3.0)
+    refused.run(1.0)
+    refused.pause.wanted = True
+    refused.run(2.0)
+    assert refused.moves == plain.moves
+    assert (refused.pause.rate, refused.pause.behind_ns, refused.pause.paused) == (1.0, 0, False)
+    refused.run(3.0)
+    assert refused.pause.paused
+    assert refused.moves[-1].vel_ned_mps == (0.0, 0.0, 0.0)
+
+
+def test_a_touchdown_that_begins_while_the_goal_is_being_paused_goes_on_at_full_speed() -> None:
+    """At 1 m/s it brakes with 1 m/s²: after 0.2 s it has 0.8 of its speed, and 0.18 s of its own time have passed."""
+    flown = Flown(Touchdown(int(1.2 * S), 3 * S))
+    flown.run(1.0)
+    flown.pause.wanted = True
+    flown.run(0.2)
+    assert flown.pause.rate == pytest.approx(0.8)
+    flown.run(0.06)
+    assert flown.pause.rate == 1.0
+    assert flown.moves[-1].vel_ned_mps is not None
+    assert norm(flown.moves[-1].vel_ned_mps) == pytest.approx(1.0)
 
 
 def test_in_a_moving_frame_it_hovers_along_with_the_frame() -> None:

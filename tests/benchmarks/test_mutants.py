@@ -1,0 +1,82 @@
+"""The changes that the benchmark of the tests makes, and that it finds those which no test notices."""
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from benchmarks.quality.mutants import Mutant, all_mutants, count_survivors, mutants_of
+
+SOURCE = '''"""Not even - this + text or 3."""
+
+SPEED_MAX: Annotated[float, 5] = 2.5
+
+
+def step(a: int, b: int) -> int:
+    if not (a < b) and b is not None:
+        return f"{a + 1} m"
+    return max(-a, b - 1)
+'''
+CHANGED = [
+    "SPEED_MAX: Annotated[float, 5] = (2 * 2.5)",
+    "    if False:",
+    "    if  (a < b) and b is not None:",
+    "    if not (a >= b) and b is not None:",
+    "    if not (a < b) or b is not None:",
+    "    if not (a < b) and b is None:",
+    "        return None",
+    "    return min(-a, b - 1)",
+    "    return None",
+    "    return max(a, b - 1)",
+    "    return max(-a, b + 1)",
+    "    return max(-a, b - (2 * 1))",
+]
+
+
+def test_each_mutant_changes_one_operator_number_condition_or_result_and_neither_text_nor_annotation() -> None:
+    lines = SOURCE.splitlines()
+    found = []
+    for mutant in mutants_of("a.py", "tests", SOURCE.encode()):
+        after = mutant.apply(SOURCE.encode()).decode().splitlines()
+        (changed,) = [line for before, line in zip(lines, after, strict=True) if before != line]
+        found.append(changed)
+    assert sorted(found) == sorted(CHANGED)
+
+
+def test_every_part_of_the_safety_code_has_mutants_and_tests_that_exist() -> None:
+    root = Path(__file__).parents[2]
+    for mutant in (found := all_mutants(root)):
+        assert (root / mutant.tests).exists()
+    assert len({mutant.path.rpartition("/")[0] for mutant in found}) >= 9
+
+
+def git_tree(folder: Path, **files: str) -> Path:
+    subprocess.run(["git", "init", "-q", str(folder)], check=True)
+    for name, text in files.items():
+        (folder / f"{name}.py").write_text(text)
+    return folder
+
+
+CODE = "def larger(a, b):\n    return max(a, b)\n\n\ndef smaller(a, b):\n    return min(a, b)\n"
+
+
+def test_a_mutant_that_a_test_notices_is_killed_and_another_is_shown_while_the_tree_stays(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    test = "from code_under_test import larger\n\n\ndef test_larger():\n    assert larger(1, 2) == 2\n"
+    tree = git_tree(tmp_path, code_under_test=CODE, test_code=test)
+    sample = [
+        mutant for mutant in mutants_of("code_under_test.py", ".", CODE.encode()) if mutant.text in ("min", "max")
+    ]
+    assert count_survivors(tree, sample, jobs=2) == 1
+    printed = capsys.readouterr().out
+    assert "noticed  code_under_test.py:2\n" in printed
+    assert "SURVIVED code_under_test.py:6\n" in printed
+    assert "-    return min(a, b)\n  +    return max(a, b)\n" in printed
+    assert (tree / "code_under_test.py").read_text() == CODE
+
+
+def test_tests_that_fail_without_a_change_say_nothing_of_a_mutant(tmp_path: Path) -> None:
+    tree = git_tree(tmp_path, code_under_test=CODE, test_code="def test_nothing():\n    assert False\n")
+    with pytest.raises(SystemExit, match="fails without a change"):
+        count_survivors(tree, [Mutant("code_under_test.py", ".", 0, 0, "")], jobs=1)
