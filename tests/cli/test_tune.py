@@ -134,7 +134,7 @@ def test_a_figure_that_can_not_be_written_is_refused_before_the_flights_are_repl
 @pytest.mark.parametrize(
     ("setting", "text"),
     [
-        ("std_uwb=0.1", "did you mean std_uwb_m"),
+        ("std_uwb=0.1", "did you mean 'std_uwb_m'?"),
         ("std_uwb_m=-1", "std_uwb_m"),
         ("std_uwb_m", "give a setting and its value"),
     ],

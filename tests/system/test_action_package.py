@@ -133,7 +133,7 @@ def test_plain_zenoh_gets_its_description(hovering: Stack) -> None:
     assert '"side_m"' in json.dumps(description["goal"])
     (refusal,) = zenoh_get(hovering, f"@action/{NAME}s?side_m=2")
     assert f"{NAME}, broken" in refusal["reason"] or f"broken, {NAME}" in refusal["reason"]
-    assert f"Did you mean {NAME}?" in refusal["reason"]
+    assert f"did you mean '{NAME}'?" in refusal["reason"]
     endpoints = [json.loads(line) for line in hovering.jezero("info", "endpoints", "--json").stdout.splitlines()]
     assert f"action/{NAME}/description" in [row["endpoint"] for row in endpoints]
 
