@@ -119,7 +119,7 @@ def screen(served: tuple[Screen, Server]) -> Screen:
 @pytest.mark.long
 def test_a_refusal_stands_at_the_field_that_it_is_about(screen: Screen) -> None:
     screen.choose("takeoff")
-    for typed, reason in (("9000", "120"), ("high", "altitude: expected a number"), ("", "altitude is needed")):
+    for typed, reason in (("9000", "120"), ("high", "altitude: expected a number"), ("", "altitude is missing")):
         screen.type_in(takeoff__altitude_m=typed)
         screen.plan("takeoff")
         screen.has("problem-takeoff-altitude_m", reason)
