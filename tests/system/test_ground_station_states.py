@@ -49,7 +49,7 @@ def test_a_goal_is_confirmed_with_its_plan_and_the_confirmation_expires_when_a_f
     screen.choose("takeoff")
     screen.type_in(takeoff__altitude_m="")
     screen.plan("takeoff")
-    screen.has("problem-takeoff-altitude_m", "altitude is needed")
+    screen.has("problem-takeoff-altitude_m", "altitude is missing")
     screen.type_in(takeoff__altitude_m="100")
     screen.marked("takeoff-altitude_m").press("Enter")
     screen.plan("takeoff")
