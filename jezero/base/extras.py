@@ -22,7 +22,7 @@ class MissingExtraError(ModuleNotFoundError):
 
 
 def extra_hint(module: str | None) -> str:
-    """The sentence's end that tells how to install an optional package, or "" for another one.
+    """How to install an optional package, as the end of a sentence; "" for a package of no extra.
 
     Args:
         module: the name of a module that was not found, such as `PIL.Image`.

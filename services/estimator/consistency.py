@@ -267,16 +267,16 @@ class ConsistencyMonitor:
     def _judge_motion(self) -> None:
         """Leave out what contradicts the motion of vehicle and rover, where UWB and the tag agree with each other."""
         both = self._tag_motion.difference, self._uwb_motion.difference
-        slower = next((difference for difference in both if difference.speed_error_mps), None)
+        other_speed = next((difference for difference in both if difference.speed_error_mps), None)
         turned = next((difference for difference in both if difference.turn_rad), None)
-        if slower is not None:
-            self._leave_out_speed(f"as the path by UWB and the tags is {slower.text}")
+        if other_speed is not None:
+            self._leave_out_speed(f"as the path by UWB and the tags is {other_speed.text}")
         elif turned is not None:
             self._leave_out_tag(f"as their path is {turned.text}")
         elif self.heading_turned:
             self._leave_out_tag("as the rover's heading by them contradicts its compass and the motion")
         else:
-            self._leave_out_uwb("as it contradicts the tag")
+            self._leave_out_uwb("as the estimate agrees with one of UWB and the tag only")
 
     def check_height(self, altimeter: AltimeterMeasurement, kalman: Kalman) -> None:
         """Compare the estimated height with the altimeter, which measures to the platform or to the ground."""

@@ -11,7 +11,7 @@ from jezero.schemas.state import Odometry, Status
 from jezero.schemas.units import NS_PER_S
 
 CLIMB_MIN_M = 1.5
-"""Below this height the altimeter's least range and the air that the rotors press down count too much."""
+"""Least height of a comparison. Lower, the altimeter is near its least range, and the rotors disturb the barometer."""
 WATCHED_NS = 60 * NS_PER_S
 """Later the weather changes the pressure."""
 HORIZONTAL_MAX_M = 3.0

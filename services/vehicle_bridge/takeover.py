@@ -182,7 +182,7 @@ UNARMABLE_MODES = (OFFBOARD, LAND, "AUTO.RTL")
 OWN_FLIGHT_TIMEOUT_S = 5.0
 """Hold mode is commanded for at most this time after the bridge's own flight."""
 UNARMABLE_MIN_S = 2.0
-"""After somebody else's flight, the vehicle must have been unable to arm in that mode for this time."""
+"""Hold mode is commanded after another pilot's flight only when the vehicle has been unable to arm for this time."""
 FOREIGN_FLIGHT_TIMEOUT_S = 10.0
 """Hold mode is not commanded later than this after somebody else's flight: a pilot may be about to arm."""
 

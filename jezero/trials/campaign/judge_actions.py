@@ -251,7 +251,7 @@ class PauseJudge:
 DESCENT_SPEED_MIN_MPS = 0.25
 """A lower speed relative to the rover counts as holding the height."""
 BLIND_HEIGHT_MAX_M = 0.5
-"""Below this height over the platform the landing may continue without an estimate."""
+"""Greatest height over the platform at which a landing may go on without an estimate."""
 ESTIMATE_AGE_MAX_NS = 350_000_000
 OFF_PLATFORM_MAX_M = 0.2
 PLATFORM_HALF_SIDE_M = 0.5

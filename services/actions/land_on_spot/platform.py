@@ -265,8 +265,8 @@ SPEED_GATE_MPS = 0.5
 GAIN_DESCENT_1PS = 0.6
 """Rate of descent per metre of height."""
 COMMIT_M = 0.1
-"""Below this height the vehicle descends without waiting, as long as the place below it is on the platform: in gusts,
-waiting so close to the platform is worse than a larger error."""
+"""Height over the platform below which the vehicle descends without waiting, if the platform is below it: in gusts, a
+wait so close to the platform is worse than a larger error."""
 STRAYED_CONES = 4.0
 """The vehicle climbs when the error is larger than this number of cone radii."""
 CONTACT_M, CONTACT_S = 0.03, 0.4

@@ -426,7 +426,7 @@ FEEDBACK_PERIOD_NS = 100_000_000
 RELEASE_HOVER_TIMEOUT_S, RELEASE_DISARM_TIMEOUT_S = 6.0, 12.0
 """Time-outs of one reply to a release that hovers or disarms; the release is sent again after it."""
 RELEASE_GIVE_UP_S = 20.0
-"""After this time a goal ends without the bridge's reply."""
+"""Longest wait for the bridge's reply to a release; then the goal ends without it."""
 RELEASE_RETRY_S = 0.2
 Stage = Literal["new", "admitting", "checking", "preparing", "acquiring", "flying", "releasing", "over"]
 
@@ -505,9 +505,9 @@ class GoalRun:
         self._watchers: list[int] = []
         """Ids of the requests that get replies."""
         self._tag = ""
-        """Of the call to the bridge whose reply the goal waits for."""
+        """Tag of the call to the bridge whose reply is awaited."""
         self._deadline_ns = 0
-        """Of what the present stage waits for."""
+        """Deadline of the reply or event that the present stage waits for."""
         self._move: Move | None = None
         """The last setpoint of the behaviour."""
         self._sequence = 0

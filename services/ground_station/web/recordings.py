@@ -41,7 +41,7 @@ ADVANCE_PERIOD_S = 0.1
 MARKS_MAX = 150
 """More marks would touch each other."""
 TONES = ("plain", "good", "warning", "bad")
-"""From the least to the most important; where marks overlap, the more important one is kept."""
+"""Tones of marks, the least important first. Of marks that overlap, the most important one is shown."""
 
 
 # -- files --
