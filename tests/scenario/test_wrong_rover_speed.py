@@ -20,7 +20,7 @@ from tests.scenario.rig import Flight, go_to
 
 OFF_MAX_M = 0.3
 NAMED = "the rover's speed is left out"
-SLIPS = ((0.5, 0.0), (1.0, 0.0), (1.0, 0.5), (1.0, 1.5), (1.0, 2.0))
+SLIPS = ((0.5, 0.0), (1.0, -1.0), (1.0, 0.0), (1.0, 0.5), (1.0, 1.5), (1.0, 2.0))
 """Speed of the rover in m/s, and the part of it that its odometry measures."""
 
 
