@@ -292,7 +292,7 @@ class Authority:
             self.text, self.target = late, stopping_target(self.target, vehicle)
         self.command = self._advance(vehicle)
         self._arm_pending |= self.command is AutopilotCommand.ARM
-        self.streamed = self._fence.limited(self.target, vehicle, self.code)
+        self.streamed = self._fence.limited(self.target, vehicle, self.code, by_goal=self.grant is not None)
 
     def _judge_flight(self, vehicle: VehicleSnapshot, *, left_fence: bool) -> None:
         monitor = self._monitor

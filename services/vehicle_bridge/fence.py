@@ -19,7 +19,7 @@ from jezero.schemas.fence import Fence, FenceReply, FenceState, Zone
 from jezero.schemas.state import StatusCode
 from jezero.schemas.topics import FENCE, SET_FENCE
 from jezero.services.vehicle_bridge.config import OnFence
-from jezero.services.vehicle_bridge.motion_limits import limited_target
+from jezero.services.vehicle_bridge.motion_limits import EDGE_M, inward_target, limited_target
 from jezero.services.vehicle_bridge.vehicle import Target, VehicleSnapshot
 
 PERIOD_NS = 1_000_000_000
@@ -159,11 +159,20 @@ class FenceKeeper:
             self._was_inside = not outside_reason(self._fence, vehicle.pos_ned_m, margin_m=INSIDE_AGAIN_M)
         return left
 
-    def limited(self, target: Target | None, vehicle: VehicleSnapshot, code: StatusCode) -> Target | None:
-        """The target, or where that leads out of the fence or beyond the limits another one that doesn't."""
+    def limited(
+        self, target: Target | None, vehicle: VehicleSnapshot, code: StatusCode, *, by_goal: bool
+    ) -> Target | None:
+        """The target, or where that leads out of the fence or beyond the limits another one that doesn't.
+
+        The target of a goal (`by_goal`) that began outside leads inside first, where the vehicle would also return by
+        itself: otherwise a goal that rises, or waits, would stay outside.
+        """
         if target is None or vehicle.landed:
             self._is_limiting = False
             return target
+        pos_ned_m = vehicle.pos_ned_m
+        if by_goal and self.outside and self.on_fence == "return" and self._fence is not None and pos_ned_m is not None:
+            target = inward_target(target, pos_ned_m, point_inside(self._fence, pos_ned_m, EDGE_M))
         target, limit = limited_target(self._fence, self._limits, target, vehicle, floor_holds=code not in NO_FLOOR)
         if limit and not self._is_limiting:
             self._limit_count, self._last_limit = self._limit_count + 1, limit

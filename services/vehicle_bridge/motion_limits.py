@@ -23,6 +23,8 @@ BRAKING_MPS2 = 1.0
 gusts of 11 m/s."""
 PULL_1PS = 1.0
 """Speed per distance of a target's point that the autopilot may make of it. Source: PX4's MPC_XY_P is 0.95."""
+INWARD_MAX_MPS = 1.0
+"""Greatest speed at which a goal that began outside the fence is led in."""
 ROUNDS = 2
 """Number of times that the limits of all walls are applied: in a corner, the limit of one wall can lead towards another
 wall."""
@@ -54,6 +56,30 @@ def limited_target(
     target, brought_near = _near_target(limits, target, vehicle)
     target, held_back = _held_back_target(fence, limits, target, vehicle, floor_holds=floor_holds)
     return target, held_back or brought_near or slowed
+
+
+def inward_target(target: Target, pos_ned_m: Vec3, inside_ned_m: Vec3) -> Target:
+    """Target that leads a vehicle outside the fence inside, whatever else it leads to.
+
+    Args:
+        pos_ned_m: the vehicle's position, outside.
+        inside_ned_m: point inside to which the vehicle shall fly.
+
+    Returns:
+        The same target if it leads to the point fast enough by itself.
+    """
+    way_ned_m = subtract(inside_ned_m, pos_ned_m)
+    if (away_m := norm(way_ned_m)) < 1e-6:
+        return target
+    in_ned = scale(way_ned_m, 1.0 / away_m)
+    lead_ned_m = ZERO if target.pos_ned_m is None else subtract(target.pos_ned_m, pos_ned_m)
+    speed_mps = dot(target.vel_ned_mps or ZERO, in_ned) + PULL_1PS * dot(lead_ned_m, in_ned)
+    missing_mps = min(INWARD_MAX_MPS, PULL_1PS * away_m) - speed_mps
+    if missing_mps <= 1e-3:
+        return target
+    if target.pos_ned_m is None:
+        return replace(target, vel_ned_mps=add(target.vel_ned_mps or ZERO, scale(in_ned, missing_mps)))
+    return replace(target, pos_ned_m=add(target.pos_ned_m, scale(in_ned, missing_mps / PULL_1PS)))
 
 
 # -- speed and distance ----------------------------------------------------------------------------------

@@ -93,6 +93,21 @@ def test_a_goal_that_begins_outside_may_lead_in() -> None:
     assert rig.autopilot.setpoints[-1].x == pytest.approx(8.0, abs=1e-3)
 
 
+def test_a_goal_that_begins_outside_and_waits_is_led_in() -> None:
+    rig = flying()
+    push_to(rig, 10.6)
+    rig.run(0.5)
+    control_id = rig.go("go_to", Phase.GO_TO)
+    rig.run(1.0, lambda: rig.setpoint(control_id, Phase.GO_TO, pos_ned_m=(10.6, 0.0, -4.0)))
+    sent = rig.autopilot.setpoints[-1]
+    assert sent.x == pytest.approx(9.6, abs=1e-3)
+    assert sent.z == pytest.approx(-4.0, abs=1e-3)
+    climbing = {"pos_ned_m": None, "vel_ned_mps": (0.3, 0.0, -1.0)}
+    rig.run(1.0, lambda: rig.setpoint(control_id, Phase.GO_TO, **climbing))
+    sent = rig.autopilot.setpoints[-1]
+    assert (sent.vx, sent.vz) == pytest.approx((-1.0, -1.0), abs=1e-3)
+
+
 def test_a_fence_that_nobody_can_mean_is_refused_and_the_one_before_stays() -> None:
     rig = Rig().ready()
     assert rig.request(SET_FENCE, SetFence(fence=FENCE)).accepted
