@@ -142,7 +142,7 @@ def rows_of_fleet(figures: dict[str, Any]) -> Iterator[Row]:
         "vehicles in real time",
         str(figures["in_real_time"]),
         "",
-        f"tried up to {figures['most_tried']}, without camera",
+        f"tried up to {figures['most_tried']}, without camera and tag detector",
     )
     for fleet in figures["fleets"]:
         rates = ", ".join(f"{rate:.3f}" for rate in fleet.rates) or fleet.text.splitlines()[0]

@@ -1,4 +1,4 @@
-"""Number of vehicles in real time on one router, each with its own simulator and a whole stack without the camera."""
+"""Number of vehicles in real time on one router, each with its own simulator and a stack without camera and tag detector."""
 
 import time
 from contextlib import ExitStack
@@ -44,7 +44,7 @@ def measure(folder: Path, most: int) -> list[Fleet]:
     """Add hovering vehicles one by one, until one falls behind or there are `most`."""
     fleets: list[Fleet] = []
     instances: list[Instance] = []
-    path = compose_file(folder, without=("camera",))
+    path = compose_file(folder, without=("camera", "tag_detector"))
     with ExitStack() as stack:
         while len(fleets) < most and (not fleets or fleets[-1].in_real_time):
             instance = stack.enter_context(reserved_instance(vehicle=f"fleet{len(fleets) + 1}"))
