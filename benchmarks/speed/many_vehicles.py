@@ -1,4 +1,4 @@
-"""Number of vehicles in real time on one router, each with its own simulator and a stack without camera and tag detector."""
+"""Number of vehicles in real time on one router, each with a simulator and a stack without camera and tag detector."""
 
 import time
 from contextlib import ExitStack
