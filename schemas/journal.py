@@ -19,11 +19,13 @@ class Step(JournalEntry, frozen=True, array_like=True, tag="step"):
         t_ns: vehicle time.
         wall_ns: monotonic wall time in ns.
         connected: whether the bus's router was reachable.
+        stalled_ns: stalls of the process so far, which are left out of `wall_ns`.
     """
 
     t_ns: int
     wall_ns: int
     connected: bool
+    stalled_ns: int = 0
 
 
 # -- inputs of the next step -------------------------------------------------------------------------------

@@ -331,6 +331,8 @@ class MavlinkCodec:
         """Whether pymavlink's buffer holds the beginning of a message."""
         self.malformed = 0
         """Number of byte sequences that were no message, and of messages with invalid numbers."""
+        self.other_sender: tuple[int, int] | None = None
+        """System and component id of the last sender that is not the peer; None while there was none."""
         self.bad_signatures = 0
         """Number of messages without an accepted signature."""
 
@@ -364,10 +366,32 @@ class MavlinkCodec:
             return []
         good: list[MavMessage] = []
         if self._signing is None and not self._incomplete:
-            data = data[_parse_whole_frames(data, good, self._peer) :]
+            data = data[self._parse_whole_frames(data, good) :]
         if data:
             self._parse_with_pymavlink(data, good)
         return good
+
+    def _parse_whole_frames(self, data: bytes, into: list[MavMessage]) -> int:
+        """Parse frames from the start of `data` up to the first one that is incomplete, wrong or of an unknown layout.
+
+        Returns:
+            The number of bytes parsed.
+        """
+        at, end, peer = 0, len(data), self._peer
+        while end - at >= 12 and data[at] == 0xFD and data[at + 2] == 0:
+            stop = at + 12 + data[at + 1]
+            layout = _layout(data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16)
+            if stop > end or layout is None:
+                break
+            message = layout.parse(data[at:stop])
+            if message is None:
+                break
+            if peer is None or peer == (data[at + 5], data[at + 6]):
+                into.append(message)
+            else:
+                self.other_sender = (data[at + 5], data[at + 6])
+            at = stop
+        return at
 
     def _parse_with_pymavlink(self, data: bytes, good: list[MavMessage]) -> None:
         """Parse signed and incomplete frames, and messages with text, with pymavlink."""
@@ -379,30 +403,11 @@ class MavlinkCodec:
             elif message.get_msgId() >= 0:
                 if peer is None or peer == (message.get_srcSystem(), message.get_srcComponent()):
                     good.append(message)
+                else:
+                    self.other_sender = (message.get_srcSystem(), message.get_srcComponent())
             elif not isinstance(message, dialect.MAVLink_unknown):
                 self.malformed += 1
         self._incomplete = self._mav.buf_len() > 0
-
-
-def _parse_whole_frames(data: bytes, into: list[MavMessage], peer: tuple[int, int] | None) -> int:
-    """Parse frames from the start of `data` up to the first one that is incomplete, wrong or of an unknown layout.
-
-    Returns:
-        The number of bytes parsed.
-    """
-    at, end = 0, len(data)
-    while end - at >= 12 and data[at] == 0xFD and data[at + 2] == 0:
-        stop = at + 12 + data[at + 1]
-        layout = _layout(data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16)
-        if stop > end or layout is None:
-            break
-        message = layout.parse(data[at:stop])
-        if message is None:
-            break
-        if peer is None or peer == (data[at + 5], data[at + 6]):
-            into.append(message)
-        at = stop
-    return at
 
 
 def is_finite(message: MavMessage, *fields: str) -> bool:

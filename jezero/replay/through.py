@@ -176,7 +176,8 @@ class _Player:
             yield t_ns, recorded, replayed
 
     def _step(self, step: journal.Step) -> list[Output]:
-        self._node.inbox.wall_ns, self._node.inbox.connected = step.wall_ns, step.connected
+        inbox = self._node.inbox
+        inbox.wall_ns, inbox.stalled_ns, inbox.connected = step.wall_ns, step.stalled_ns, step.connected
         self._journal.take_entries()
         self._node.step(step.t_ns)
         return [entry for entry in self._journal.take_entries() if isinstance(entry, Output)]

@@ -39,12 +39,12 @@ class Journal:
         """Wall time of the first step of the open part."""
         self._t_ns = 0
 
-    def step(self, t_ns: int, wall_ns: int, *, connected: bool) -> None:
+    def step(self, t_ns: int, wall_ns: int, *, connected: bool, stalled_ns: int = 0) -> None:
         """The service is stepped now."""
         self._t_ns = t_ns
         if self._start_ns is None:
             self._start_ns = wall_ns
-        self._entries.append(journal.Step(t_ns, wall_ns, connected))
+        self._entries.append(journal.Step(t_ns, wall_ns, connected, stalled_ns))
 
     def received(self, topic: str, data: bytes, *, attached: bool) -> None:
         """A valid message has arrived."""

@@ -1,14 +1,29 @@
-"""Byte pipes over sockets, to the autopilot and to the rover's computer; they never block."""
+"""Byte pipes over sockets and serial lines, to autopilot, modules and the rover's computer; they never block."""
 
 import contextlib
+import re
 import select
 import socket
 import sys
-from typing import Protocol
+from collections.abc import Sequence
+from errno import EACCES, EAGAIN, EBUSY, ENOENT, EPERM
+from typing import TYPE_CHECKING, Protocol
 
+from jezero.base.config import ConfigError
+from jezero.runtime.instance import checked_host
 from jezero.runtime.linux_processes import listen_error
 
+if TYPE_CHECKING:
+    from serial import Serial
+
 RETRY_PERIOD_NS = 100_000_000
+LINE_RETRY_PERIOD_NS = 1_000_000_000
+LINE_BACKLOG_S = 0.05
+"""Time of a serial line that bytes to send may wait for: what is later is dropped, as a setpoint would be too old."""
+LINE_BACKLOG_MIN_BYTES = 600
+"""Waiting bytes that even the slowest line permits: two of MAVLink's longest messages."""
+PEER_SILENCE_MAX_NS = 5_000_000_000
+"""Time after which another program may take the place of a silent sender of datagrams."""
 REFUSED_PERIOD_NS = 10_000_000_000
 """A program that is refused again and again is named once in this time."""
 CHUNK = 65_536
@@ -18,6 +33,12 @@ SILENCE_MAX_S = 5
 """Time without any sign of the other computer after which a link between two computers counts as lost."""
 MOVED_BY = "JEZERO_INSTANCE"
 """Environment variable that moves the port of every link."""
+
+
+class HasFileno(Protocol):
+    """What can be waited on for reading."""
+
+    def fileno(self) -> int: ...
 
 
 class SocketLink(Protocol):
@@ -38,8 +59,8 @@ class SocketLink(Protocol):
             OSError: it can't listen on its port; the message names the port and who holds it.
         """
 
-    def sockets(self) -> list[socket.socket]:
-        """Sockets to wait on for reading."""
+    def sockets(self) -> Sequence[HasFileno]:
+        """Sockets or lines to wait on for reading."""
 
     def poll(self, wall_ns: int) -> bytes:
         """Bytes that have arrived; also accepts and retries connections."""
@@ -132,7 +153,7 @@ class TcpServer(_Stream):
         listener.setblocking(False)
         self._listener = listener
 
-    def sockets(self) -> list[socket.socket]:
+    def sockets(self) -> Sequence[HasFileno]:
         return [s for s in (self._listener, self._connection) if s is not None]
 
     def poll(self, wall_ns: int) -> bytes:
@@ -168,7 +189,7 @@ class TcpClient(_Stream):
     def start(self) -> None:
         self._retry_ns = 0
 
-    def sockets(self) -> list[socket.socket]:
+    def sockets(self) -> Sequence[HasFileno]:
         return [] if self._connection is None else [self._connection]
 
     def poll(self, wall_ns: int) -> bytes:
@@ -211,7 +232,7 @@ class Udp:
             self._socket.connect(self._peer)
         self._more.register(self._socket, select.POLLIN)
 
-    def sockets(self) -> list[socket.socket]:
+    def sockets(self) -> Sequence[HasFileno]:
         return [] if self._socket is None else [self._socket]
 
     def poll(self, wall_ns: int) -> bytes:
@@ -241,3 +262,170 @@ class Udp:
     def close(self) -> None:
         if self._socket is not None:
             self._socket.close()
+
+
+class UdpListener:
+    """Datagrams from whoever sends first to a local port, until that sender is silent; replies go to it.
+
+    Args:
+        host: address to bind.
+        port: port to bind.
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        self._address = (host, port)
+        self._socket: socket.socket | None = None
+        self._peer: tuple[str, int] | None = None
+        self._heard_ns = 0
+        self.up = False
+        self.connections = 0
+
+    def start(self) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        try:
+            self._socket.bind(self._address)
+        except OSError as error:
+            raise OSError(error.errno, listen_error("udp", *self._address, MOVED_BY, error)) from None
+
+    def sockets(self) -> Sequence[HasFileno]:
+        return [] if self._socket is None else [self._socket]
+
+    def poll(self, wall_ns: int) -> bytes:
+        parts: list[bytes] = []
+        while self._socket is not None and len(parts) < 256:
+            try:
+                data, sender = self._socket.recvfrom(CHUNK)
+            except BlockingIOError:
+                break
+            except OSError:  # an earlier datagram was refused by the peer's host
+                continue
+            if sender != self._peer:
+                if self._peer is not None and wall_ns - self._heard_ns < PEER_SILENCE_MAX_NS:
+                    continue
+                self._peer = sender
+                self.connections += 1
+                self.up = True
+            self._heard_ns = wall_ns
+            parts.append(data)
+        return b"".join(parts)
+
+    def send(self, data: bytes) -> None:
+        if self._socket is not None and self._peer is not None:
+            with contextlib.suppress(OSError):
+                self._socket.sendto(data, self._peer)
+
+    def close(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+
+
+class SerialLine:
+    """A serial line, which is opened again when it was unplugged.
+
+    Args:
+        path: the device, e.g. `/dev/ttyACM0`.
+        baud: bits per second.
+    """
+
+    def __init__(self, path: str, baud: int) -> None:
+        self._path = path
+        self._baud = baud
+        self._backlog_max = max(LINE_BACKLOG_MIN_BYTES, int(baud / 10 * LINE_BACKLOG_S))
+        self._line: Serial | None = None
+        self._retry_ns = 0
+        self._named = ""
+        """The last error, which is printed once."""
+        self.up = False
+        self.connections = 0
+
+    def start(self) -> None:
+        self._retry_ns = 0
+
+    def sockets(self) -> Sequence[HasFileno]:
+        return [] if self._line is None else [self._line]
+
+    def poll(self, wall_ns: int) -> bytes:
+        if self._line is None and wall_ns >= self._retry_ns:
+            self._retry_ns = wall_ns + LINE_RETRY_PERIOD_NS
+            self._open()
+        if self._line is None:
+            return b""
+        try:
+            return self._line.read(CHUNK)
+        except OSError as error:  # pyserial's errors are such
+            self._drop(f"it was unplugged ({error})")
+            return b""
+
+    def send(self, data: bytes) -> None:
+        if self._line is None:
+            return
+        try:
+            if self._line.out_waiting + len(data) <= self._backlog_max:
+                self._line.write(data)
+        except OSError as error:
+            self._drop(f"it was unplugged ({error})")
+
+    def close(self) -> None:
+        if self._line is not None:
+            self._line.close()
+        self._line, self.up = None, False
+
+    def _open(self) -> None:
+        from serial import Serial, SerialException
+
+        try:
+            line = Serial(self._path, self._baud, timeout=0, write_timeout=0, exclusive=True)
+            line.reset_input_buffer()
+        except (SerialException, OSError, ValueError) as error:
+            self._name(_line_error(error))
+            return
+        self._line, self.up, self._named = line, True, ""
+        self.connections += 1
+
+    def _drop(self, reason: str) -> None:
+        self.close()
+        self._name(reason)
+
+    def _name(self, reason: str) -> None:
+        if reason != self._named:
+            self._named = reason
+            print(f"serial line {self._path}: {reason}; it is tried again every second", file=sys.stderr, flush=True)
+
+
+def _line_error(error: Exception) -> str:
+    """Why a line can't be opened, for people."""
+    number = getattr(error, "errno", None)
+    if number == ENOENT:
+        return "there is no such device: is it plugged in?"
+    if number in (EACCES, EPERM):
+        return "this user may not open it: add the user to the group `dialout`, and log in again"
+    if number in (EBUSY, EAGAIN):
+        return "another program has opened it: end that one first"
+    return f"it can't be opened: {error}"
+
+
+ADDRESSES = "serial:DEVICE:BAUD, udpin:ADDRESS:PORT, udpout:HOST:PORT or tcp:HOST:PORT"
+
+
+def link_of(name: str, address: str) -> SocketLink:
+    """The link that an address names.
+
+    Args:
+        name: of the setting, for the error.
+        address: one of `ADDRESSES`.
+
+    Raises:
+        ConfigError: the address is malformed, or leads to another computer without a person's permission.
+    """
+    if (line := re.fullmatch(r"serial:(/.+):(\d{3,7})", address)) is not None:
+        return SerialLine(line[1], int(line[2]))
+    found = re.fullmatch(r"(udpin|udpout|tcp):([^:]+):(\d{1,5})", address)
+    if found is None or not 1 <= int(found[3]) <= 65535:
+        raise ConfigError(f"{name} is {address!r}: write {ADDRESSES}")
+    kind, host, port = found[1], checked_host(name, found[2]), int(found[3])
+    if kind == "udpin":
+        return UdpListener(host, port)
+    if kind == "udpout":
+        return Udp(("0.0.0.0", 0), (host, port), only_from_peer=True)
+    return TcpClient(host, port, silence_max_s=SILENCE_MAX_S)

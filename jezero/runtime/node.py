@@ -237,7 +237,7 @@ class Node:
         """
         inbox = self.inbox
         if self._journal is not None:
-            self._journal.step(t_ns, inbox.wall_ns, connected=inbox.connected)
+            self._journal.step(t_ns, inbox.wall_ns, connected=inbox.connected, stalled_ns=inbox.stalled_ns)
         try:
             self._step(t_ns)
         except UndeclaredError:
@@ -392,6 +392,7 @@ class Mailbox:
 
     def __init__(self, declared_links: Sequence[str]) -> None:
         self.wall_ns = 0
+        self.stalled_ns = 0
         self.connected = True
         self.departed: list[str] = []
         self.responses: list[Response] = []

@@ -37,6 +37,7 @@ class Spec:
         rate_hz: steps per second of vehicle time when no trigger arrives; `SetRate` changes it.
         lockstep: name of the link on which the time master awaits an answer after each step (at most 16 ms); vehicle
             time starts when this link first connects. None for every other service.
+        pace: seconds of vehicle time in one of real time, of the time master in lockstep.
         watches: whose departures the inbox lists: those of clients, of services, or of nobody.
         hears_all: whether the inbox has every message that anybody publishes for the vehicle, as it was sent. Such
             messages trigger no step.
@@ -55,6 +56,7 @@ class Spec:
     triggers: tuple[str, ...] = ()
     rate_hz: float = 10.0
     lockstep: str | None = None
+    pace: float = 1.0
     watches: Literal["client", "service"] | None = None
     hears_all: bool = False
     made_with: Mapping[str, Any] = field(default_factory=dict)
@@ -209,6 +211,10 @@ class Inbox(Protocol):
 
         Stalls of this process are left out of it, as other processes may have stalled at the same time.
         """
+
+    @property
+    def stalled_ns(self) -> int:
+        """Stalls of this process so far: `wall_ns` and this are the computer's monotonic time, for the time master."""
 
     @property
     def connected(self) -> bool:

@@ -219,6 +219,7 @@ class ServiceLoop:
     def _loop_as_master(self, link: str) -> None:
         """Advance vehicle time by one period per step, in lockstep with the autopilot on `link`."""
         period_ns = int(NS_PER_S / self._spec.rate_hz)
+        real_period_ns = int(period_ns / self._spec.pace)
         due_ns = self._now_ns()
         unanswered = 0
         while not self._stopping:
@@ -236,7 +237,7 @@ class ServiceLoop:
                 if self._links[link].up:
                     answered = self._await_answer(link, wait=unanswered < UNANSWERED_STEPS_MAX)
                     unanswered = 0 if answered else unanswered + 1
-            due_ns = max(due_ns + period_ns, now_ns - MASTER_LATENESS_MAX_NS)
+            due_ns = max(due_ns + real_period_ns, now_ns - MASTER_LATENESS_MAX_NS)
             self._report(now_ns)
 
     def _await_answer(self, link: str, *, wait: bool) -> bool:
@@ -273,7 +274,7 @@ class ServiceLoop:
 
     def _collect(self, now_ns: int) -> bool:
         """Move all events into the inbox; returns whether one of them triggers a step."""
-        self._node.inbox.wall_ns = now_ns
+        self._node.inbox.wall_ns, self._node.inbox.stalled_ns = now_ns, self._stalled_ns
         wanted = False
         while self._events:
             wanted |= self._dispatch(*self._events.popleft())

@@ -331,6 +331,8 @@ class SimulatorConfig(Config, frozen=True, kw_only=True):
         gravity_mps2: gravitational acceleration. PX4 assumes 9.81, and the vehicle could not fly in the air of Mars:
             only the ground is like that of Mars.
         density_air_kgpm3: density of the air.
+        pace: seconds of vehicle time in one of real time. The clocks of a real vehicle differ by some 1e-5 from this
+            computer's.
         rover_host: IPv4 address, or name of this computer, at which the rover's computer reaches the simulator. Another
             one than this machine's own 127.0.0.1 needs `JEZERO_INSECURE=1`, as the link has no TLS.
         origin: geodetic position of the map's origin.
@@ -349,6 +351,7 @@ class SimulatorConfig(Config, frozen=True, kw_only=True):
 
     gravity_mps2: Positive = 9.81
     density_air_kgpm3: Positive = 1.2
+    pace: Annotated[float, Meta(ge=0.1, le=2.0)] = 1.0
     rover_host: str = "127.0.0.1"
     origin: OriginConfig = OriginConfig()
     terrain: TerrainConfig = TerrainConfig()

@@ -72,7 +72,7 @@ class Simulator:
         from jezero.services.simulator.world import World
 
         made_with = {"config": config, "vehicle": vehicle, "seed": seed, "boot_id": boot_id}
-        self.spec = replace(SPEC, made_with=made_with)
+        self.spec = replace(SPEC, pace=config.pace, made_with=made_with)
         self._terrain = terrain = make_terrain(config.terrain)
         self._config = config
         self._vehicle = vehicle

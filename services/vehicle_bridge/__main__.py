@@ -1,4 +1,7 @@
-"""`python -m jezero.services.vehicle_bridge`: the bridge over Zenoh, MAVLink on UDP 14540 + instance."""
+"""`python -m jezero.services.vehicle_bridge`: the bridge over Zenoh.
+
+Its MAVLink is on UDP 14540 + instance, or on the link to a real flight controller.
+"""
 
 import sys
 from collections.abc import Mapping
@@ -9,13 +12,14 @@ from jezero.base.config import load_config
 from jezero.base.plugins import action_names
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.instance import Instance
-from jezero.runtime.links import SocketLink, Udp
+from jezero.runtime.links import SocketLink, Udp, link_of
 from jezero.runtime.process import run_process
 from jezero.runtime.service import Service
 from jezero.schemas.fence import Fence
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.kept_fence import kept_fence_path, load, save
 from jezero.services.vehicle_bridge.service import LINK, VehicleBridge
+from jezero.services.vehicle_bridge.time_sync import kept_epoch_path, load_epoch, save_epoch
 
 HOST = "127.0.0.1"
 
@@ -27,17 +31,22 @@ def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, Socke
     kept = None if path is None else load(path)
     fence = _configured(config) if kept is None else kept.fence
     keep = _keep_nothing if path is None else partial(save, path)
+    epoch_path = kept_epoch_path()
     bridge = VehicleBridge(
         config,
         vehicle,
-        instance.system_id,
+        config.system_id or instance.system_id,
         boot_id,
         token_hex(8),
         action_names(),
         fence,
         keep,
         name=instance.vehicle,
+        kept_epoch=None if epoch_path is None or not config.link else load_epoch(epoch_path),
+        keep_epoch=_keep_nothing if epoch_path is None else partial(save_epoch, epoch_path),
     )
+    if config.link:
+        return bridge, {LINK: link_of("link in vehicle_bridge.toml", config.link)}
     autopilot = (HOST, instance.autopilot_offboard_port)
     return bridge, {LINK: Udp((HOST, instance.bridge_port), autopilot, only_from_peer=True)}
 
@@ -50,8 +59,8 @@ def _configured(config: VehicleBridgeConfig) -> Fence | None:
     return configured_fence(config.fence)
 
 
-def _keep_nothing(fence: Fence | None) -> None:
-    """There is no run folder: the fence ends with the bridge."""
+def _keep_nothing(value: object) -> None:
+    """There is no run folder: fence and epoch end with the bridge."""
 
 
 if __name__ == "__main__":

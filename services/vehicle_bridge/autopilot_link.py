@@ -124,6 +124,7 @@ class TelemetryBatch(msgspec.Struct):
         steps_ned_m: steps of the position estimate at the autopilot's resets.
         setpoint_echo: the newest one.
         restarted: the autopilot's time stepped back.
+        time_replies: contents of each TIMESYNC reply: the autopilot's time, and the time stamp of the request, in ns.
     """
 
     timer_ns: int
@@ -133,6 +134,7 @@ class TelemetryBatch(msgspec.Struct):
     steps_ned_m: list[Vec3] = msgspec.field(default_factory=list)
     setpoint_echo: SetpointEcho | None = None
     restarted: bool = False
+    time_replies: list[tuple[int, int]] = msgspec.field(default_factory=list)
 
 
 class AutopilotLink:
@@ -175,6 +177,7 @@ class AutopilotLink:
             dialect.MAVLINK_MSG_ID_STATUSTEXT: self._on_statustext,
             dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: self._on_setpoint_echo,
             dialect.MAVLINK_MSG_ID_PARAM_VALUE: self._on_parameter,
+            dialect.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
             dialect.MAVLINK_MSG_ID_MISSION_REQUEST: self._on_fence_message,
             dialect.MAVLINK_MSG_ID_MISSION_REQUEST_INT: self._on_fence_message,
             dialect.MAVLINK_MSG_ID_MISSION_ACK: self._on_fence_message,
@@ -184,6 +187,12 @@ class AutopilotLink:
     def malformed(self) -> int:
         """Number of byte sequences that were no message, and of messages with impossible numbers."""
         return self._codec.malformed
+
+    @property
+    def other_system_id(self) -> int | None:
+        """System id of another autopilot on the link, from which nothing is taken; None without one."""
+        other = self._codec.other_sender
+        return other[0] if other is not None and other[1] == AUTOPILOT_COMPONENT_ID else None
 
     def reset(self) -> None:
         """Start again with another vehicle, about which nothing is known."""
@@ -314,6 +323,10 @@ class AutopilotLink:
         else:
             self._refusal = f"{command} {_RESULTS.get(message.result, f'refused with result {message.result}')}"
 
+    def _on_timesync(self, message: MavMessage, batch: TelemetryBatch) -> None:
+        if message.tc1 != 0:  # else it is a request of the autopilot, which needs no reply to fly
+            batch.time_replies.append((message.tc1, message.ts1))
+
     def _on_fence_message(self, message: MavMessage, batch: TelemetryBatch) -> None:
         if (item := self.fence.on_message(message, batch.timer_ns)) is not None:
             self._fence_items += self._codec.pack(item)
@@ -327,6 +340,10 @@ class AutopilotLink:
                 dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
             )
         )
+
+    def request_time(self, host_ns: int) -> bytes:
+        """TIMESYNC, whose reply holds the autopilot's time and this time stamp."""
+        return self._codec.pack(dialect.MAVLink_timesync_message(0, host_ns))
 
     def request_heartbeat(self, wall_ns: int) -> bytes:
         """Request a HEARTBEAT unless the last is fresh enough; for use in flight."""

@@ -35,6 +35,7 @@ from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.fence import FenceKeeper
 from jezero.services.vehicle_bridge.requests import RequestQueue, unknown_action_refusal
 from jezero.services.vehicle_bridge.takeover import ForeignSetpointDetector
+from jezero.services.vehicle_bridge.time_sync import ControllerClock, KeptEpoch
 from jezero.services.vehicle_bridge.vehicle import LINK_TIMEOUT_S, OFFBOARD, Target, VehicleSnapshot
 from jezero.services.vehicle_bridge.wind_estimator import WindEstimator
 
@@ -80,6 +81,8 @@ class VehicleBridge:
         fence: the fence at the start; None for none.
         keep_fence: keeps a fence that was set by a request over a restart of the bridge.
         name: name of the vehicle, as in its keys.
+        kept_epoch: the epoch of the bridge before, of a real vehicle; None without one.
+        keep_epoch: keeps the epoch of a real vehicle over a restart of the bridge.
     """
 
     def __init__(
@@ -93,6 +96,8 @@ class VehicleBridge:
         fence: Fence | None = None,
         keep_fence: Callable[[Fence | None], None] = lambda fence: None,
         name: str = "uav1",
+        kept_epoch: KeptEpoch | None = None,
+        keep_epoch: Callable[[KeptEpoch], None] = lambda epoch: None,
     ) -> None:
         made_with = {
             "config": config,
@@ -103,12 +108,16 @@ class VehicleBridge:
             "actions": tuple(actions),
             "fence": fence,
             "name": name,
+            "kept_epoch": kept_epoch,
         }
-        self.spec = replace(SPEC, rate_hz=config.rate_hz, made_with=made_with)
+        outputs = (CLOCK, *SPEC.outputs) if config.link else SPEC.outputs
+        self.spec = replace(SPEC, outputs=outputs, rate_hz=config.rate_hz, made_with=made_with)
         self._config = config
         self._boot_id = boot_id
         self._actions = actions
-        self._link = AutopilotLink(system_id, config.parameters)
+        self._link = AutopilotLink(system_id, {} if config.link else config.parameters)
+        self._controller = ControllerClock(boot_id, kept_epoch, keep_epoch) if config.link else None
+        """The clock of a real vehicle's flight controller; None where the simulator is the master of vehicle time."""
         self._foreign_setpoints = ForeignSetpointDetector()
         self._fence = FenceKeeper(config.on_fence, robot.limits, self._link.fence, fence, keep_fence)
         self._authority = Authority(config, robot, self._fence, secret)
@@ -144,6 +153,7 @@ class VehicleBridge:
         if self._epoch_id is not None:  # before, there is no vehicle time
             self._timer.update(t_ns)
         batch = self._read_link(inbox, respawned=respawned)
+        yield from self._keep_time(batch, inbox)
         self._digest(batch, t_ns, inbox, respawned=respawned)
         for odometry in batch.odometry:  # first: the goal in charge waits for it
             yield Publish(ODOMETRY, odometry)
@@ -173,11 +183,25 @@ class VehicleBridge:
             self._link.reset()
         return self._link.receive(inbox.received(LINK), self._timer.now_ns, inbox.wall_ns, self._epoch_id or 0)
 
+    def _keep_time(self, batch: TelemetryBatch, inbox: Inbox) -> Iterator[Output]:
+        """Publish the flight controller's time; the bridge hears its own message, as all services do."""
+        if self._controller is None:
+            return
+        host_ns = inbox.wall_ns + inbox.stalled_ns
+        for controller_ns, asked_ns in batch.time_replies:
+            self._controller.sync.on_reply(controller_ns, asked_ns, host_ns)
+        if (clock := self._controller.due(host_ns)) is not None:
+            yield Publish(CLOCK, clock)
+        if inbox.is_up(LINK) and self._controller.sync.due(host_ns):
+            yield Send(LINK, self._link.request_time(host_ns))
+
     def _digest(self, batch: TelemetryBatch, t_ns: int, inbox: Inbox, *, respawned: bool) -> None:
         """Update everything that depends on what the autopilot sent."""
         if respawned or batch.restarted:
             self._sent = (None, 0)
             reason = "the vehicle was respawned" if respawned else "the autopilot restarted"
+            if self._controller is not None:
+                reason = "the flight controller was booted anew"
             self._authority.on_restart(reason, self._snapshot(t_ns, inbox))
         offboard = self._link.telemetry.mode == OFFBOARD  # in another mode the autopilot sets its own targets
         if batch.setpoint_echo is not None and offboard:
@@ -280,7 +304,7 @@ class VehicleBridge:
         """What the system lacks for a takeoff, the first thing first."""
         link, telemetry = self._link, self._link.telemetry
         if self._epoch_id is None:
-            yield "no vehicle time yet: is the simulator running?"
+            yield self._no_time_reason()
         if telemetry.received_wall_ns is None:
             yield "no telemetry from the autopilot yet"
         if telemetry.odometry is None:
@@ -297,6 +321,15 @@ class VehicleBridge:
             warning = link.warning(self._timer.now_ns)
             because = f": {warning}" if warning else ""
             yield f"the autopilot's arming checks don't pass yet in mode {telemetry.mode}{because}"
+
+    def _no_time_reason(self) -> str:
+        if self._controller is None:
+            return "no vehicle time yet: is the simulator running?"
+        if self._link.telemetry.received_wall_ns is None:
+            if (other := self._link.other_system_id) is not None:
+                return f"the flight controller has MAVLink's system id {other}: set system_id in vehicle_bridge.toml"
+            return f"nothing comes from the flight controller at {self._config.link}: is it plugged in and switched on?"
+        return f"the flight controller at {self._config.link} doesn't answer TIMESYNC yet"
 
     def _moving_ground_reason(self) -> str | None:
         """Reason why nothing can take off from a moving rover, None when the vehicle stands still."""
@@ -424,6 +457,8 @@ class VehicleBridge:
         if self._fence.outside:
             state = "degraded"
         text += self._fence.health_text
+        if self._controller is not None and (offset := self._controller.sync.offset) is not None:
+            text += f"; {offset.text}"
         if self._link.parameters.failed:
             text += f"; {self._link.parameters.failure_text}"
         if self._link.malformed:

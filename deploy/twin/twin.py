@@ -1,0 +1,159 @@
+"""Runs the twin: a stack of its own with simulator and autopilot, and the lines to it.
+
+Nothing else crosses: the twin has a router, a name and ports of its own, and a clock that drifts.
+"""
+
+import os
+import re
+import select
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import FrameType
+
+from jezero.base.config import config_directory
+from jezero.deploy.launcher.ports import HOST, instance_environment, reserved_instance
+from jezero.deploy.twin.line import Line
+from jezero.runtime.instance import Instance
+
+VEHICLE = "twin"
+CONTROLLER = "flight-controller"
+"""The device of the flight controller, in the twin's folder."""
+SETTINGS = "config"
+"""Folder of the settings for a stack that flies the twin, in the twin's folder."""
+TURN_S = 0.002
+START_TIMEOUT_S = 60.0
+STOP_TIMEOUT_S = 30.0
+CHUNK = 65_536
+
+
+class TwinError(RuntimeError):
+    """The twin can't start; the message says why."""
+
+
+def write_settings(folder: Path, instance: Instance, baud: int) -> Path:
+    """Copy the settings, with the links to the twin; returns the new folder.
+
+    Args:
+        folder: the twin's.
+        instance: the hardware's.
+        baud: that of the flight controller's line.
+    """
+    settings = folder / SETTINGS
+    shutil.copytree(config_directory(), settings, dirs_exist_ok=True)
+    _set(settings / "vehicle_bridge.toml", "system_id", str(instance.system_id))
+    _set(settings / "vehicle_bridge.toml", "link", f'"serial:{folder / CONTROLLER}:{baud}"')
+    return settings
+
+
+def _set(path: Path, field: str, value: str) -> None:
+    """Set a field of the first table of a file."""
+    text = re.sub(rf"^{field} *=.*\n", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    path.write_text(f"{field} = {value}\n{text}", encoding="utf-8")
+
+
+@contextmanager
+def running_hardware(folder: Path, drift_ppm: float) -> Iterator[Instance]:
+    """Run simulator and autopilot until the context ends.
+
+    Args:
+        folder: the twin's.
+        drift_ppm: how much faster than this computer's its clock runs, in millionths.
+
+    Raises:
+        TwinError: they don't start.
+    """
+    settings, run_dir = folder / "hardware" / "config", folder / "hardware" / "run"
+    shutil.copytree(config_directory(), settings, dirs_exist_ok=True)
+    _set(settings / "simulator.toml", "pace", f"{1.0 + 1e-6 * drift_ppm:.6f}")
+    with reserved_instance(VEHICLE) as instance:
+        own = {"JEZERO_CONFIG_DIR": str(settings), "JEZERO_RUN_DIR": str(run_dir), "JEZERO_RECORD": "0"}
+        dropped = ("JEZERO_LISTEN", "JEZERO_CONNECT", "JEZERO_KEYS")
+        environment = {name: value for name, value in os.environ.items() if name not in dropped}
+        environment |= {**instance_environment(instance), **own}
+        jezero = (sys.executable, "-m", "jezero.cli.main")
+        up = (*jezero, "up", "--profile", "sim", "-d")
+        done = subprocess.run(up, env=environment, capture_output=True, text=True, check=False, timeout=START_TIMEOUT_S)
+        try:
+            if done.returncode != 0:
+                raise TwinError(f"the twin's simulator does not start: {done.stderr.strip() or done.stdout.strip()}")
+            yield instance
+        finally:
+            down = (*jezero, "down")
+            subprocess.run(down, env=environment, capture_output=True, check=False, timeout=STOP_TIMEOUT_S)
+
+
+class Twin:
+    """Relays between the hardware and the lines to it.
+
+    Args:
+        folder: where the devices are made.
+        instance: the hardware's.
+        baud: that of the flight controller's line.
+    """
+
+    def __init__(self, folder: Path, instance: Instance, baud: int) -> None:
+        self.controller = Line(folder / CONTROLLER, baud)
+        self._autopilot = (HOST, instance.autopilot_offboard_port)
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind((HOST, instance.bridge_port))
+        self._socket.setblocking(False)
+        self._stopping = False
+
+    def stop(self, signum: int = 0, frame: FrameType | None = None) -> None:
+        """End `run`; a signal handler."""
+        self._stopping = True
+
+    def pull_or_put_plug(self, signum: int = 0, frame: FrameType | None = None) -> None:
+        """Pull the flight controller's plug, or put it back; a signal handler."""
+        if self.controller.is_plugged:
+            self.controller.unplug()
+        else:
+            self.controller.plug()
+
+    def run(self) -> None:
+        """Relay until `stop` is called."""
+        while not self._stopping:
+            select.select([self._socket], [], [], TURN_S)
+            with suppress(BlockingIOError, ConnectionRefusedError):
+                while True:
+                    self.controller.put(self._socket.recv(CHUNK))
+            if data := self.controller.move(time.monotonic()):
+                with suppress(OSError):
+                    self._socket.sendto(data, self._autopilot)
+
+    def close(self) -> None:
+        """Remove the devices."""
+        self.controller.close()
+        self._socket.close()
+
+
+def run_twin(folder: Path, baud: int, drift_ppm: float) -> int:
+    """Run the twin until SIGTERM or SIGINT; SIGUSR1 pulls the flight controller's plug, or puts it back.
+
+    Raises:
+        TwinError: it can't start.
+        OSError: its folder can't be written.
+    """
+    folder = folder.resolve()
+    folder.mkdir(parents=True, exist_ok=True)
+    with running_hardware(folder, drift_ppm) as instance:
+        settings = write_settings(folder, instance, baud)
+        twin = Twin(folder, instance, baud)
+        try:
+            signal.signal(signal.SIGTERM, twin.stop)
+            signal.signal(signal.SIGINT, twin.stop)
+            signal.signal(signal.SIGUSR1, twin.pull_or_put_plug)
+            print(f"flight controller  serial:{twin.controller.path}:{baud}")
+            print("fly it with        ", end="")
+            print(f"JEZERO_CONFIG_DIR={settings} jezero up --profile onboard --profile ground", flush=True)
+            twin.run()
+        finally:
+            twin.close()
+    return 0
