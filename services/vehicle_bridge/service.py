@@ -28,11 +28,13 @@ from jezero.schemas.topics import (
     STATUS,
     UNKNOWN_ACTION,
 )
+from jezero.schemas.units import NS_PER_S
 from jezero.services.vehicle_bridge.admission import status_words
 from jezero.services.vehicle_bridge.authority import Authority, ControlState
 from jezero.services.vehicle_bridge.autopilot_link import AutopilotLink, TelemetryBatch
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.fence import FenceKeeper
+from jezero.services.vehicle_bridge.narrow_line import RATE_MIN_HZ
 from jezero.services.vehicle_bridge.requests import RequestQueue, unknown_action_refusal
 from jezero.services.vehicle_bridge.takeover import ForeignSetpointDetector
 from jezero.services.vehicle_bridge.time_sync import ControllerClock, KeptEpoch
@@ -115,7 +117,7 @@ class VehicleBridge:
         self._config = config
         self._boot_id = boot_id
         self._actions = actions
-        self._link = AutopilotLink(system_id, {} if config.link else config.parameters)
+        self._link = AutopilotLink(system_id, {} if config.link else config.parameters, judges_rate=bool(config.link))
         self._controller = ControllerClock(boot_id, kept_epoch, keep_epoch) if config.link else None
         """The clock of a real vehicle's flight controller; None where the simulator is the master of vehicle time."""
         self._foreign_setpoints = ForeignSetpointDetector()
@@ -155,6 +157,7 @@ class VehicleBridge:
         batch = self._read_link(inbox, respawned=respawned)
         yield from self._keep_time(batch, inbox)
         self._digest(batch, t_ns, inbox, respawned=respawned)
+        self._judge_rate(inbox.wall_ns)
         for odometry in batch.odometry:  # first: the goal in charge waits for it
             yield Publish(ODOMETRY, odometry)
         vehicle = self._snapshot(self._vehicle_time_ns(t_ns), inbox)
@@ -194,6 +197,21 @@ class VehicleBridge:
             yield Publish(CLOCK, clock)
         if inbox.is_up(LINK) and self._controller.sync.due(host_ns):
             yield Send(LINK, self._link.request_time(host_ns))
+
+    def _judge_rate(self, wall_ns: int) -> None:
+        """On a line that is too narrow for ODOMETRY, request the smaller messages at once."""
+        received_ns, rate = self._link.telemetry.received_wall_ns, self._link.rate
+        if rate is None or received_ns is None:
+            return
+        if wall_ns - received_ns > LINK_TIMEOUT_S * NS_PER_S:
+            rate.restart()
+        elif rate.update(wall_ns, self._round_trip_ns):
+            self._intervals_wall_ns = -INTERVALS_PERIOD_NS
+
+    @property
+    def _round_trip_ns(self) -> int | None:
+        offset = None if self._controller is None else self._controller.sync.offset
+        return None if offset is None else offset.round_trip_ns
 
     def _digest(self, batch: TelemetryBatch, t_ns: int, inbox: Inbox, *, respawned: bool) -> None:
         """Update everything that depends on what the autopilot sent."""
@@ -309,6 +327,12 @@ class VehicleBridge:
             yield "no telemetry from the autopilot yet"
         if telemetry.odometry is None:
             yield "the autopilot sends no odometry yet: its estimator is still converging"
+        if link.rate is not None and link.rate.hz is not None and link.rate.hz < RATE_MIN_HZ:
+            yield (
+                f"odometry comes at {link.rate.hz:.0f} Hz over {self._config.link}, and {RATE_MIN_HZ:g} Hz are needed: "
+                f"raise the line's baud rate (PX4: SER_TEL1_BAUD or SER_TEL2_BAUD) and its rate (MAV_0_RATE or "
+                f"MAV_1_RATE), or use USB or Ethernet"
+            )
         if telemetry_age_s > LINK_TIMEOUT_S:
             yield f"the autopilot's telemetry has been missing for {telemetry_age_s:.0f} s"
         if telemetry.origin_deg is None:
@@ -457,6 +481,9 @@ class VehicleBridge:
         if self._fence.outside:
             state = "degraded"
         text += self._fence.health_text
+        rate = self._link.rate
+        if rate is not None and rate.narrow and rate.hz is not None:
+            text += f"; the line is too narrow for ODOMETRY: position and attitude instead, {rate.hz:.0f} Hz"
         if self._controller is not None and (offset := self._controller.sync.offset) is not None:
             text += f"; {offset.text}"
         if self._link.parameters.failed:

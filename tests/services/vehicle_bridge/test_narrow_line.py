@@ -1,0 +1,73 @@
+"""Odometry on a line that is too narrow for it."""
+
+from math import cos, sin
+
+import pytest
+
+from jezero.services.vehicle_bridge.narrow_line import OdometryRate, PairedOdometry
+
+S, MS = 1_000_000_000, 1_000_000
+
+
+def run(rate: OdometryRate, begin_s: float, end_s: float, hz: float, round_trip_ns: int = MS) -> list[float]:
+    """Times at which the line was found too narrow."""
+    found, arrived = [], 0
+    steps = range(int(begin_s * 50), int(end_s * 50))
+    for step in steps:
+        while arrived < (step - steps[0]) * hz / 50:
+            arrived += 1
+            rate.add(step * 20 * MS)
+        if rate.update(step * 20 * MS, round_trip_ns):
+            found.append(step / 50)
+    return found
+
+
+def test_fifty_odometries_a_second_are_enough() -> None:
+    rate = OdometryRate()
+    assert run(rate, 0, 20, 50.0) == []
+    assert not rate.narrow
+    assert rate.hz == pytest.approx(50.0, abs=1.0)
+
+
+def test_four_a_second_are_too_few_but_not_before_the_controller_got_the_request() -> None:
+    rate = OdometryRate()
+    (found_s,) = run(rate, 0, 10, 4.0)
+    assert 5.9 < found_s < 6.5
+    assert rate.narrow
+    assert rate.hz is None  # the smaller messages are judged anew
+    run(rate, 10, 20, 30.0)
+    assert rate.hz == pytest.approx(30.0, abs=1.0)
+
+
+def test_a_line_that_is_full_is_too_narrow_also_where_enough_arrives() -> None:
+    rate = OdometryRate()
+    assert len(run(rate, 0, 10, 25.0, round_trip_ns=190 * MS)) == 1
+
+
+def test_an_interrupted_line_is_judged_anew() -> None:
+    rate = OdometryRate()
+    run(rate, 0, 8, 50.0)
+    rate.restart()
+    assert run(rate, 60, 64, 4.0) == []
+    assert rate.hz is None
+
+
+def test_a_pair_has_the_attitude_of_the_positions_time() -> None:
+    pair = PairedOdometry()
+    assert pair.on_position(0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)) is None  # no attitude yet
+    pair.on_attitude(S, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    found = pair.on_position(S + 20 * MS, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    assert found is not None
+    assert found[0] == pytest.approx((cos(0.01), 0.0, 0.0, sin(0.01)))
+    assert pair.on_position(S + 300 * MS, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)) is None  # the attitude is too old
+
+
+def test_a_step_that_the_velocity_does_not_explain_counts_as_a_reset() -> None:
+    pair = PairedOdometry()
+    pair.on_position(0, (0.0, 0.0, -3.0), (10.0, 0.0, 0.0))
+    pair.on_position(100 * MS, (1.05, 0.0, -3.0), (10.0, 0.0, 0.0))
+    assert pair.reset_counter == 0
+    pair.on_position(200 * MS, (2.05, 0.8, -3.0), (10.0, 0.0, 0.0))
+    assert pair.reset_counter == 1
+    pair.on_position(300 * MS, (3.05, 0.8, -3.0), (10.0, 0.0, 0.0))
+    assert pair.reset_counter == 1
