@@ -200,8 +200,7 @@ class Grants:
         goal_id = request.goal_id
         if goal_id in self._flown:
             return "this goal has flown already, and a goal runs once: send it with a new id"
-        started_ns = vehicle.t_ns - vehicle.timer_ns
-        if request.goal_issued_t_ns is not None and request.goal_issued_t_ns < started_ns:
+        if request.goal_issued_t_ns is not None and request.goal_issued_t_ns < vehicle.started_ns:
             return "this goal is from before the bridge started and may have flown: send it with a new id"
         if request.goal_t_ns is not None and self.last_abort_ns is not None and request.goal_t_ns <= self.last_abort_ns:
             return "this goal came before the last abort: send it again"

@@ -245,6 +245,7 @@ class VehicleBridge:
         return VehicleSnapshot(
             t_ns=t_ns,
             timer_ns=timer_ns,
+            started_ns=self._timer.started_ns,
             armed=telemetry.armed,
             landed=telemetry.armed is False if telemetry.landed is None else telemetry.landed,
             mode=telemetry.mode,
@@ -516,6 +517,11 @@ class Timer:
         self._t_ns: int | None = None
         self._ahead_ns = 0
         """Vehicle time that is counted already and has yet to pass."""
+
+    @property
+    def started_ns(self) -> int:
+        """Vehicle time of the first update."""
+        return 0 if self._t_ns is None else self._t_ns - self.now_ns - self._ahead_ns
 
     def update(self, t_ns: int) -> None:
         """Count the time since the last update; `t_ns` is the present vehicle time."""

@@ -64,6 +64,7 @@ class VehicleSnapshot(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         t_ns: vehicle time, for the age of messages; it may be corrected backwards.
         timer_ns: vehicle time since the bridge started, for time-outs; it never steps back.
+        started_ns: vehicle time at which the bridge has started.
         armed: None until the autopilot has reported it.
         landed: state of the autopilot's land detector; until that is reported, true for a disarmed vehicle only.
         mode: the autopilot's mode by PX4's name, "" until it is reported.
@@ -86,6 +87,7 @@ class VehicleSnapshot(msgspec.Struct, frozen=True, kw_only=True):
 
     t_ns: int
     timer_ns: int
+    started_ns: int = 0
     armed: bool | None = None
     landed: bool = False
     mode: str = ""

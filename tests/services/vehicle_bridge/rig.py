@@ -43,10 +43,12 @@ class FakeAutopilot:
         refuse_arming: reason for which it refuses to arm, "" when it doesn't.
         reported_armed: an old arming state that its HEARTBEAT still reports; None for the true one.
         silent: it sends nothing.
+        answers_timesync: it answers TIMESYNC.
     """
 
-    def __init__(self) -> None:
-        self.codec = MavlinkCodec(1, 1)
+    def __init__(self, system_id: int = 1) -> None:
+        self.codec = MavlinkCodec(system_id, 1)
+        self.answers_timesync = True
         self.pos = [0.0, 0.0, 0.0]
         self.vel = [0.0, 0.0, 0.0]
         self.q = [1.0, 0.0, 0.0, 0.0]
@@ -89,6 +91,8 @@ class FakeAutopilot:
                 out += self._read_parameter(message.param_id)
             elif kind == dialect.MAVLINK_MSG_ID_COMMAND_LONG and message.command == dialect.MAV_CMD_REQUEST_MESSAGE:
                 self._on_message_request(int(message.param1))
+            elif kind == dialect.MAVLINK_MSG_ID_TIMESYNC and self.answers_timesync:
+                out += self.codec.pack(dialect.MAVLink_timesync_message(self.t_us * 1000, message.ts1))
             elif kind == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
                 self.setpoints.append(message)
             elif kind == dialect.MAVLINK_MSG_ID_COMMAND_LONG and message.command in (ARM, SET_MODE):
@@ -211,6 +215,7 @@ class Box:
 
     def __init__(self) -> None:
         self.wall_ns = 0
+        self.stalled_ns = 0
         self.connected = True
         self.departed: Sequence[str] = ()
         self.responses: Sequence[Any] = ()
@@ -266,6 +271,9 @@ class Rig:
         self.ahead_ns = 0
         """The bridge's estimate of vehicle time minus the true one."""
         self.epoch_id = 7
+        self.has_simulator = not (config or VehicleBridgeConfig()).link
+        """Whether a simulator publishes vehicle time; else the bridge does, and hears itself."""
+        self.clocks: list[Clock] = []
         self.outputs: list[Output] = []
         self.statuses: list[Status] = []
         self.odometry: list[Odometry] = []
@@ -293,7 +301,10 @@ class Rig:
         self.t_ns += STEP_NS
         self.box.wall_ns += STEP_NS
         self.autopilot.t_us = self.t_ns // 1000
-        self.box.put(CLOCK, Clock(t_ns=self.t_ns, epoch_id=self.epoch_id, wall_ns=self.t_ns))
+        if self.has_simulator:
+            self.box.put(CLOCK, Clock(t_ns=self.t_ns, epoch_id=self.epoch_id, wall_ns=self.t_ns))
+        elif self.clocks:
+            self.box.put(CLOCK, self.clocks[-1])
         if self.range_m is not None:
             self.box.put(ALTIMETER, Altimeter(t_ns=self.t_ns, range_m=self.range_m))
         self.box.bytes = b"" if self.autopilot.silent else self._to_bridge + self.autopilot.telemetry()
@@ -304,7 +315,9 @@ class Rig:
 
     def _apply(self, output: Output) -> None:
         self.outputs.append(output)
-        if isinstance(output, Publish) and output.topic is not FENCE:
+        if isinstance(output, Publish) and isinstance(output.message, Clock):
+            self.clocks.append(output.message)
+        elif isinstance(output, Publish) and output.topic is not FENCE:
             message = decode(output.topic.type, encode(output.message))
             (self.statuses if output.topic is STATUS else self.odometry).append(message)
             assert output.topic in (STATUS, ODOMETRY)

@@ -1,0 +1,84 @@
+"""The bridge beside a real flight controller: it is the master of vehicle time, and says in words what is missing."""
+
+import pytest
+from msgspec.structs import replace
+
+from jezero.schemas.commands import Phase
+from jezero.schemas.state import StatusCode
+from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
+from tests.services.vehicle_bridge.rig import FakeAutopilot, Rig
+
+LINK = "serial:/dev/ttyACM0:57600"
+CONFIG = replace(VehicleBridgeConfig(), link=LINK, parameters={"MPC_XY_VEL_P_ACC": 4.0})
+
+
+def real() -> Rig:
+    return Rig(CONFIG)
+
+
+def clock_error_ns(rig: Rig) -> int:
+    """Vehicle time by the last clock minus that of the controller."""
+    clock = rig.clocks[-1]
+    return clock.t_ns + rig.box.wall_ns - clock.wall_ns - rig.t_ns
+
+
+def test_vehicle_time_is_the_controllers_and_the_vehicle_flies() -> None:
+    rig = real().ready()
+    assert abs(clock_error_ns(rig)) <= 20_000_000  # telemetry comes once a step of 20 ms
+    rig.run(10.0)
+    assert rig.status.t_ns == pytest.approx(rig.t_ns, abs=120e6)
+    rig.go("takeoff", Phase.TAKEOFF)
+    assert rig.status.code == StatusCode.TAKEOFF
+
+
+def test_a_real_controller_gets_no_parameters_of_the_simulated_vehicle() -> None:
+    rig = real()
+    rig.autopilot.parameters = {"MPC_XY_VEL_P_ACC": 1.8}
+    rig.run(10.0)
+    assert rig.autopilot.set_parameters == []
+
+
+def test_a_boot_in_flight_begins_a_new_epoch_and_ends_the_goal_with_its_reason() -> None:
+    rig = real().fly()
+    rig.go("go_to", Phase.GO_TO)
+    epoch_id = rig.status.epoch_id
+    rig.t_ns = 500_000_000
+    rig.autopilot.armed, rig.autopilot.mode = False, 4 << 16 | 3 << 24
+    rig.run(2.0)
+    assert rig.status.epoch_id == epoch_id + 1
+    assert rig.status.code in (StatusCode.IDLE, StatusCode.EXTERNAL)
+    assert any("the flight controller was booted anew" in status.text for status in rig.statuses)
+    assert abs(clock_error_ns(rig)) <= 20_000_000
+
+
+def test_what_is_missing_is_said_with_the_links_name() -> None:
+    rig = real()
+    rig.autopilot.silent = True
+    rig.run(3.0)
+    assert rig.status.not_ready_reason == (
+        f"nothing comes from the flight controller at {LINK}: is it plugged in and switched on?"
+    )
+    rig.autopilot.silent, rig.autopilot.answers_timesync = False, False
+    rig.run(2.0)
+    assert rig.status.not_ready_reason == f"the flight controller at {LINK} doesn't answer TIMESYNC yet"
+
+
+def test_another_system_id_is_named_with_the_setting() -> None:
+    rig = real()
+    rig.autopilot = FakeAutopilot(system_id=9)
+    rig.run(3.0)
+    assert "system id 9: set system_id in vehicle_bridge.toml" in rig.status.not_ready_reason
+
+
+def test_odometry_that_comes_too_rarely_is_named_with_rate_line_and_parameter() -> None:
+    rig = real().ready()
+    telemetry = rig.autopilot.telemetry
+
+    def every_twelfth() -> bytes:
+        return telemetry() if rig.t_ns // 20_000_000 % 12 == 0 else b""
+
+    rig.autopilot.telemetry = every_twelfth  # type: ignore[method-assign]
+    rig.run(30.0)
+    assert f"odometry comes at 4 Hz over {LINK}, and 20 Hz are needed" in rig.status.not_ready_reason
+    assert "MAV_1_RATE" in rig.status.not_ready_reason
+    assert not rig.status.ready

@@ -1,0 +1,83 @@
+"""The hardware path: a stack without a simulator flies the twin, whose flight controller is behind a serial line."""
+
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from jezero.deploy.twin.twin import CONTROLLER, SETTINGS
+from jezero.schemas.state import StatusCode
+from tests.system.conftest import JEZERO, Stack, wait_for
+
+pytestmark = [pytest.mark.timeout(400)]
+START_TIMEOUT_S = 120.0
+"""Autopilot and stack start with many processes at once."""
+FLIGHT_TIMEOUT_S = 120.0
+
+
+@contextmanager
+def running_twin(folder: Path, *words: str) -> Iterator["subprocess.Popen[bytes]"]:
+    """The twin as a process of its own."""
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("JEZERO_")}
+    with (folder / "twin.log").open("wb") as log:
+        command = [*JEZERO, "twin", "--folder", str(folder / "twin"), *words]
+        twin = subprocess.Popen(command, env=environment, stdout=log, stderr=subprocess.STDOUT)
+    try:
+        wait_for((folder / "twin" / CONTROLLER).is_symlink, START_TIMEOUT_S, "the twin has a serial line")
+        yield twin
+    finally:
+        twin.send_signal(signal.SIGINT)
+        assert twin.wait(timeout=60) == 0, (folder / "twin.log").read_text()
+
+
+def fly_it(stack: Stack, folder: Path) -> None:
+    stack.environment |= {"JEZERO_CONFIG_DIR": str(folder / "twin" / SETTINGS)}
+    stack.jezero("up", "-d", "--profile", "onboard")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("baud", [921_600, 57_600])
+def test_the_twin_takes_off_flies_and_lands_over_its_serial_line(unstarted: Stack, tmp_path: Path, baud: int) -> None:
+    with running_twin(tmp_path, "--baud", str(baud)):
+        fly_it(unstarted, tmp_path)
+        with unstarted.connect() as uav:
+            uav.wait_ready(START_TIMEOUT_S)
+            uav.takeoff(altitude_m=3.0).result(FLIGHT_TIMEOUT_S)
+            uav.go_to(4.0, 2.0, -3.0).result(FLIGHT_TIMEOUT_S)
+            where = uav.status().odometry
+            assert where is not None
+            assert where.pos_uav_ned_m == pytest.approx((4.0, 2.0, -3.0), abs=0.6)
+            uav.land_on_spot((4.0, 2.0, 0.0), use_uwb=False, use_tag=False).result(FLIGHT_TIMEOUT_S)
+            assert uav.status().code == StatusCode.IDLE
+        health = unstarted.jezero("ps").stdout
+        assert "its clock is known within" in health
+        assert ("the line is too narrow for ODOMETRY" in health) is (baud == 57_600)
+
+
+@pytest.mark.long
+def test_a_bridge_that_dies_over_the_twin_and_a_plug_that_is_pulled_cost_the_goal_and_no_more(
+    unstarted: Stack, tmp_path: Path
+) -> None:
+    with running_twin(tmp_path) as twin:
+        fly_it(unstarted, tmp_path)
+        with unstarted.connect() as uav:
+            uav.wait_ready(START_TIMEOUT_S)
+            uav.takeoff(altitude_m=3.0).result(FLIGHT_TIMEOUT_S)
+            epoch_id = uav.status().epoch_id
+            before = unstarted.processes()["vehicle_bridge"]
+            os.kill(before, signal.SIGKILL)
+            wait_for(lambda: unstarted.processes().get("vehicle_bridge", before) != before, 60, "a new bridge runs")
+            wait_for(lambda: uav.status().code == StatusCode.HOVER, 60, "the new bridge hovers")
+            assert uav.status().epoch_id == epoch_id
+
+            twin.send_signal(signal.SIGUSR1)
+            wait_for(lambda: "missing" in uav.status().not_ready_reason, 60, "the bridge says what is missing")
+            time.sleep(2.0)  # the controller's own failsafe begins
+            twin.send_signal(signal.SIGUSR1)
+            wait_for(lambda: uav.status().ready, FLIGHT_TIMEOUT_S, "it has landed, and is ready again")
+            uav.takeoff(altitude_m=2.0).result(FLIGHT_TIMEOUT_S)
