@@ -11,7 +11,6 @@ from jezero.client import control
 from jezero.client.actions import Actions
 from jezero.client.camera import Camera
 from jezero.client.errors import Unreachable
-from jezero.client.fence import request_fence, set_fence
 from jezero.client.goal import request_result
 from jezero.client.goal_methods import GoalMethods, Point
 from jezero.client.goal_sender import GoalSender
@@ -151,7 +150,7 @@ class Vehicle(GoalMethods):
 
     def fence(self) -> FenceState:
         """The fence in force, and whether the vehicle is outside."""
-        return request_fence(self._connection)
+        return control.request_fence(self._connection)
 
     def set_fence(self, fence: Fence | None) -> None:
         """Set the fence, on the ground only; None takes it away. `jezero.mission_files.read_fence` reads one.
@@ -159,7 +158,7 @@ class Vehicle(GoalMethods):
         Raises:
             Refused: the vehicle is armed.
         """
-        set_fence(self._connection, fence)
+        control.set_fence(self._connection, fence)
 
     def abort(self, reason: str = "") -> AbortReply:
         """End the goal in charge at once, also another client's: hover, or disarm if still on the ground."""
