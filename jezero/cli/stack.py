@@ -202,10 +202,9 @@ def _launch(
     Raises:
         _CannotStart: something is missing, or taken by another program; or the folder can't be written.
     """
-    from jezero.deploy.launcher.claims import Claims
     from jezero.deploy.launcher.compose import at_bus
     from jezero.deploy.launcher.launcher import Launcher
-    from jezero.deploy.launcher.start_checks import ROUTER, check_start, find_bus
+    from jezero.deploy.launcher.start_checks import ROUTER, Claims, check_start, find_bus
     from jezero.services.vehicle_bridge.kept_fence import NAME as KEPT_FENCE
 
     with _sentences(folder), contextlib.closing(Claims()) as claims:

@@ -1,4 +1,4 @@
-"""Requests to the vehicle bridge and about the goal in charge, and the landing at the end of a flight."""
+"""Requests to the vehicle bridge, its fence among them, and about the goal in charge; the landing at the end."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -6,13 +6,14 @@ from typing import Any
 from jezero.client.errors import Refused
 from jezero.client.goal import await_pause, modify_goal, request_pause, resume_goal
 from jezero.client.goal_sender import GoalSender
-from jezero.client.session import Connection
+from jezero.client.session import Connection, decode
 from jezero.client.status import REPLY_TIMEOUT_S, request_status
 from jezero.schemas.commands import Abort, AbortReply, Hover, HoverReply, Kill, KillReply, Phase
+from jezero.schemas.fence import Fence, FenceReply, FenceState, SetFence
 from jezero.schemas.goals import Goal, LandOnSpotGoal
 from jezero.schemas.rows import Action
 from jezero.schemas.state import STATUS_WORDS, StatusCode
-from jezero.schemas.topics import ABORT, HOVER, KILL, LAND_ON_SPOT
+from jezero.schemas.topics import ABORT, FENCE, HOVER, KILL, LAND_ON_SPOT, SET_FENCE
 
 HOVER_TIMEOUT_S = 10.0
 """Longest wait for a hover: a goal that ends near the ground climbs first, and taking control back takes seconds."""
@@ -36,6 +37,20 @@ def kill(connection: Connection, *, confirm: bool, vehicle: str) -> None:
     """See `Vehicle.kill`."""
     reply: KillReply = connection.request(KILL, Kill(confirm=confirm, vehicle=vehicle), DISARM_TIMEOUT_S)
     if not reply.killed:
+        raise Refused(reply.reason)
+
+
+def request_fence(connection: Connection) -> FenceState:
+    """See `Vehicle.fence`."""
+    arrivals = connection.stream(FENCE.name, b"", REPLY_TIMEOUT_S)
+    state: FenceState = decode(FenceState, connection.first(arrivals, FENCE.name, REPLY_TIMEOUT_S))
+    return state
+
+
+def set_fence(connection: Connection, fence: Fence | None) -> None:
+    """See `Vehicle.set_fence`."""
+    reply: FenceReply = connection.request(SET_FENCE, SetFence(fence=fence), REPLY_TIMEOUT_S)
+    if not reply.accepted:
         raise Refused(reply.reason)
 
 

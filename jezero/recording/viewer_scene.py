@@ -20,15 +20,14 @@ flight.
 
 from collections.abc import Callable, Iterable, Iterator
 from math import sqrt
-from typing import Any
+from typing import Any, TypedDict
 
 import msgspec
 
 from jezero.base.frames import Quat, Vec3, geodetic_from_ned, q_frd_from_camera, quat_from_euler, subtract
-from jezero.base.vehicle_config import VehicleConfig
+from jezero.base.vehicle_config import AirframeConfig, PlatformConfig, VehicleConfig
 from jezero.recording import foxglove as fg
 from jezero.recording.images import CAMERA_FRAME, HEADERS
-from jezero.recording.models import Shapes, rover_shapes, vehicle_shapes
 from jezero.recording.thinned_path import ThinnedPath
 from jezero.schemas import topics
 from jezero.schemas.commands import CameraPitch, Setpoint
@@ -60,11 +59,23 @@ MAP, WORLD, FRD, ROVER, FRD_TRUE, ROVER_TRUE = "map", "world", "frd", "rover_bod
 Q_ENU_FROM_NED: Quat = (0.0, sqrt(0.5), sqrt(0.5), 0.0)
 ORIGIN: Vec3 = (0.0, 0.0, 0.0)
 
+PLATFORM_THICKNESS_M = 0.04
+TAG_THICKNESS_M = 0.004
 BLUE, ORANGE, GREEN = fg.Color(0.2, 0.5, 1.0), fg.Color(1.0, 0.55, 0.1), fg.Color(0.3, 0.75, 0.3)
 WHITE, BLACK, GHOST = fg.Color(1.0, 1.0, 1.0), fg.Color(0.05, 0.05, 0.05), fg.Color(0.6, 0.6, 0.6, 0.35)
 
 Made = Iterable[tuple[str, bytes]]
 """Messages for viewers, each (channel, encoded message)."""
+
+
+class Shapes(TypedDict, total=False):
+    """Primitives of a `SceneEntity`, by the names of its fields."""
+
+    arrows: tuple[fg.ArrowPrimitive, ...]
+    cubes: tuple[fg.CubePrimitive, ...]
+    cylinders: tuple[fg.CylinderPrimitive, ...]
+    lines: tuple[fg.LinePrimitive, ...]
+    texts: tuple[fg.TextPrimitive, ...]
 
 
 class ViewerScene:
@@ -278,3 +289,53 @@ def _calibration(t_ns: int, camera: CameraInfo) -> fg.CameraCalibration:
         R=(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
         P=(focal_px, 0.0, x_px, 0.0, 0.0, focal_px, y_px, 0.0, 0.0, 0.0, 1.0, 0.0),
     )
+
+
+# -- what vehicle and rover look like, in their own frames -----------------------------------------------
+
+
+def vehicle_shapes(airframe: AirframeConfig, color: fg.Color) -> Shapes:
+    """The vehicle in its frame `frd`: body, rotors, feet, and an arrow that points ahead."""
+    rotors_m = [(forward_m, right_m, -0.04) for forward_m, right_m in airframe.pos_rotors_frd_m]
+    diameter_m = 2.0 * airframe.radius_rotor_m
+    forward_m, right_m = airframe.feet_frd_m
+    legs_m: list[Vec3] = []
+    for ahead in (1.0, -1.0):
+        for side in (1.0, -1.0):
+            legs_m.append((0.4 * ahead * forward_m, 0.4 * side * right_m, 0.0))
+            legs_m.append((ahead * forward_m, side * right_m, airframe.height_stand_m))
+    arms_m = [point_m for rotor_m in rotors_m for point_m in ((0.0, 0.0, -0.02), rotor_m)]
+    return {
+        "cubes": (_box((0.0, 0.0, 0.0), (0.24, 0.12, 0.08), color),),
+        "cylinders": tuple(
+            fg.CylinderPrimitive(fg.Pose(fg.Vector3(*rotor_m)), fg.Vector3(diameter_m, diameter_m, 0.01), color)
+            for rotor_m in rotors_m
+        ),
+        "lines": (
+            fg.LinePrimitive(fg.LINE_LIST, tuple(fg.Vector3(*point_m) for point_m in (*arms_m, *legs_m)), color, 2.0),
+        ),
+        "arrows": (_arrow_ahead((0.12, 0.0, 0.0), color),),
+    }
+
+
+def rover_shapes(platform: PlatformConfig, color: fg.Color, color_tag: fg.Color) -> Shapes:
+    """The rover in its frame `rover_body`: platform with its biggest tag, body, and an arrow that points ahead."""
+    side_m, height_m = platform.side_m, platform.height_m
+    body_m = (0.8 * side_m, 0.6 * side_m, 0.7 * height_m)
+    tag = max(platform.board, key=lambda tag: tag.side_m)
+    return {
+        "cubes": (
+            _box((0.0, 0.0, 0.5 * PLATFORM_THICKNESS_M), (side_m, side_m, PLATFORM_THICKNESS_M), color),
+            _box((0.0, 0.0, 0.5 * body_m[2] + PLATFORM_THICKNESS_M), body_m, color),
+            _box(tag.pos_rover_body_m, (tag.side_m, tag.side_m, TAG_THICKNESS_M), color_tag),
+        ),
+        "arrows": (_arrow_ahead((0.5 * side_m, 0.0, 0.5 * PLATFORM_THICKNESS_M), color),),
+    }
+
+
+def _box(center_m: Vec3, size_m: Vec3, color: fg.Color) -> fg.CubePrimitive:
+    return fg.CubePrimitive(fg.Pose(fg.Vector3(*center_m)), fg.Vector3(*size_m), color)
+
+
+def _arrow_ahead(tail_m: Vec3, color: fg.Color) -> fg.ArrowPrimitive:
+    return fg.ArrowPrimitive(fg.Pose(fg.Vector3(*tail_m)), 0.1, 0.03, 0.08, 0.08, color)

@@ -21,9 +21,11 @@ from jezero.services.autopilot.ground_link import (
     ground_host,
     insecurity,
     is_local,
+    kept_stamp_path,
+    load_stamp,
+    save_stamp,
     with_signatures,
 )
-from jezero.services.autopilot.kept_stamp import kept_stamp_path, load, save
 from jezero.services.autopilot.px4_link import ChildLink
 from jezero.services.autopilot.service import GCS, HIL, OFFBOARD, Autopilot
 
@@ -41,7 +43,7 @@ def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, Socke
         return px4.Px4(), {px4.PX4: _px4_link(instance, vehicle.battery)}
     config = with_signatures(config, ground)
     since_2015_s, path = time.time() - UNIX_2015_S, kept_stamp_path()
-    kept_stamp, keep_stamp = load(path, int(since_2015_s * 1e5)), partial(save, path)
+    kept_stamp, keep_stamp = load_stamp(path, int(since_2015_s * 1e5)), partial(save_stamp, path)
     warning = insecurity(config, ground)
     return Autopilot(config, vehicle, instance.system_id, since_2015_s, warning, kept_stamp, keep_stamp), {
         HIL: TcpClient(LOOPBACK, instance.hil_port),

@@ -36,8 +36,7 @@ from jezero.base.frames import (
 )
 from jezero.services.autopilot.alignment import FIX_AGE_MAX_US, MAG_CHECK_GAUSS, Fix, StartAlignment
 from jezero.services.autopilot.config import StateEstimatorConfig
-from jezero.services.autopilot.heading_gate import HeadingGate
-from jezero.services.autopilot.motion_heading import MotionHeading
+from jezero.services.autopilot.heading import HeadingGate, MotionHeading
 from jezero.services.autopilot.reset_detector import ResetDetector
 
 COVARIANCE_PERIOD_US = 20_000

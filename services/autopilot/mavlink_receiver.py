@@ -1,17 +1,19 @@
-"""Handles received MAVLink messages: setpoints, commands, parameters, a geofence; refuses files and missions."""
+"""Handles received MAVLink messages: setpoints, commands, parameters, a geofence; refuses files and missions.
+
+Source: MAVLink common dialect; of the geofence https://mavlink.io/en/services/mission.html.
+"""
 
 import struct
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import isfinite, radians
 
 from jezero.base.frames import Vec3, ned_from_geodetic, rotate_yaw, z_ned_m
 from jezero.base.mavlink import MavMessage, dialect, is_finite
 from jezero.services.autopilot.control import Axes, ControlSetpoint
-from jezero.services.autopilot.forced_disarm import ForcedDisarmRule
 from jezero.services.autopilot.modes import FROM_MAIN_AND_SUB, Mode
 from jezero.services.autopilot.parameters import Parameters, Value
-from jezero.services.autopilot.stored_fence import FENCE_TYPE, StoredFence
 from jezero.services.autopilot.telemetry import GCS, TelemetryLink
 from jezero.services.autopilot.vehicle import AutopilotVehicle
 
@@ -20,6 +22,12 @@ REPOSITION_CHANGES_MODE = 1
 FTP_NAK, FTP_UNKNOWN_COMMAND, FTP_HEADER = 129, 7, struct.Struct("<HBBBBBxI")
 FTP_PAYLOAD = 251
 REPOSITION_MAX_M = 10_000.0
+FENCE_TYPE = dialect.MAV_MISSION_TYPE_FENCE
+FENCE_ITEMS_MAX = 1000
+FENCE_VERTICES = (
+    dialect.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION,
+    dialect.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
+)
 MISSION_UNSUPPORTED = dialect.MAV_MISSION_UNSUPPORTED
 ACCEPTED = int(dialect.MAV_RESULT_ACCEPTED)
 DENIED = int(dialect.MAV_RESULT_DENIED)
@@ -283,25 +291,6 @@ def _requested_mode(command: ReceivedCommand) -> Mode | None:
     return FROM_MAIN_AND_SUB.get((int(command.params[1]), int(command.params[2]) if command.are_finite(2) else 0))
 
 
-def _name(message: MavMessage) -> str:
-    name = message.param_id if isinstance(message.param_id, str) else message.param_id.decode("ascii", "replace")
-    return str(name).split("\0", maxsplit=1)[0]
-
-
-def encode_parameter(value: Value) -> tuple[float, int]:
-    """Float and type of a PARAM_VALUE. Like in PX4, an integer is sent as four bytes in the field of the float."""
-    if isinstance(value, int):
-        return float(struct.unpack("<f", struct.pack("<i", value))[0]), int(dialect.MAV_PARAM_TYPE_INT32)
-    return value, int(dialect.MAV_PARAM_TYPE_REAL32)
-
-
-def decode_parameter(raw: float, kind: int) -> Value | None:
-    """Value of a PARAM_SET; None if no parameter has this type."""
-    if kind == dialect.MAV_PARAM_TYPE_INT32:
-        return int(struct.unpack("<i", struct.pack("<f", raw))[0])
-    return float(raw) if kind == dialect.MAV_PARAM_TYPE_REAL32 else None
-
-
 def offboard_setpoint(message: MavMessage, yaw_now_rad: float) -> ControlSetpoint | None:
     """Setpoint of a SET_POSITION_TARGET_LOCAL_NED; None if it is empty, not finite, or in a frame that PX4 refuses."""
     mask = message.type_mask
@@ -324,6 +313,131 @@ def offboard_setpoint(message: MavMessage, yaw_now_rad: float) -> ControlSetpoin
         return (n, e, d)
 
     return ControlSetpoint(axes("x", "y", "z"), axes("vx", "vy", "vz"), axes("afx", "afy", "afz"), yaw, yaw_rate)
+
+
+# -- forced disarm in the air ----------------------------------------------------------------------------
+
+
+class ForcedDisarmRule:
+    """Decides whether a MAVLink system on the link of ground stations may disarm by force in the air.
+
+    Ids are claimed there: anybody can write that of another system into a message.
+
+    Args:
+        listed: ids of the systems that may; none leaves it to those that sent something before the takeoff.
+    """
+
+    def __init__(self, listed: Sequence[int]) -> None:
+        self._listed = frozenset(listed)
+        self._seen: set[int] = set()
+        self._logged: set[str] = set()
+        """Sentences that are in the log since the takeoff: a flood of commands must not fill it."""
+
+    def on_message_on_ground(self, system_id: int) -> None:
+        """Note who sends something while the vehicle is landed."""
+        self._seen.add(system_id)
+        self._logged.clear()
+
+    def refusal(self, system_id: int) -> str:
+        """Why a system may not disarm by force in the air; "" when it may."""
+        if system_id in (self._listed or self._seen):
+            return ""
+        if self._listed:
+            return f"MAVLink system {system_id} is not in force_disarm_systems"
+        return f"MAVLink system {system_id} sent nothing before the takeoff"
+
+    def log(self, sentence: str) -> None:
+        """Print a sentence into the log of the autopilot, once in a flight."""
+        if sentence not in self._logged:
+            self._logged.add(sentence)
+            print(sentence, file=sys.stderr, flush=True)
+
+
+# -- parameters ------------------------------------------------------------------------------------------
+
+
+def _name(message: MavMessage) -> str:
+    name = message.param_id if isinstance(message.param_id, str) else message.param_id.decode("ascii", "replace")
+    return str(name).split("\0", maxsplit=1)[0]
+
+
+def encode_parameter(value: Value) -> tuple[float, int]:
+    """Float and type of a PARAM_VALUE. Like in PX4, an integer is sent as four bytes in the field of the float."""
+    if isinstance(value, int):
+        return float(struct.unpack("<f", struct.pack("<i", value))[0]), int(dialect.MAV_PARAM_TYPE_INT32)
+    return value, int(dialect.MAV_PARAM_TYPE_REAL32)
+
+
+def decode_parameter(raw: float, kind: int) -> Value | None:
+    """Value of a PARAM_SET; None if no parameter has this type."""
+    if kind == dialect.MAV_PARAM_TYPE_INT32:
+        return int(struct.unpack("<i", struct.pack("<f", raw))[0])
+    return float(raw) if kind == dialect.MAV_PARAM_TYPE_REAL32 else None
+
+
+# -- the geofence ----------------------------------------------------------------------------------------
+
+
+class StoredFence:
+    """The geofence that ground stations and companions store here; it is kept and given back, not flown by.
+
+    Attributes:
+        items: the MISSION_ITEM_INT messages of the fence that was stored last.
+    """
+
+    def __init__(self) -> None:
+        self.items: list[MavMessage] = []
+        self._incoming: list[MavMessage] = []
+        self._count = 0
+
+    def on_count(self, link: TelemetryLink, message: MavMessage) -> bytes:
+        """Begin an upload: request its first item."""
+        if message.count > FENCE_ITEMS_MAX:
+            return _acknowledge_fence(link, message, dialect.MAV_MISSION_NO_SPACE)
+        self._incoming, self._count = [], message.count
+        return self._request_next(link, message)
+
+    def on_item(self, link: TelemetryLink, message: MavMessage) -> bytes:
+        """Take an item, and request the next one."""
+        if message.seq != len(self._incoming) or message.seq >= self._count:
+            return b""  # a repetition of one that has come already
+        if message.command not in FENCE_VERTICES:
+            self._count = 0
+            return _acknowledge_fence(link, message, dialect.MAV_MISSION_UNSUPPORTED)
+        self._incoming.append(message)
+        return self._request_next(link, message)
+
+    def _request_next(self, link: TelemetryLink, message: MavMessage) -> bytes:
+        number, sender = len(self._incoming), (message.get_srcSystem(), message.get_srcComponent())
+        if number < self._count:
+            return link.pack(dialect.MAVLink_mission_request_int_message(*sender, number, FENCE_TYPE))
+        self.items, self._incoming, self._count = self._incoming, [], 0
+        return _acknowledge_fence(link, message, dialect.MAV_MISSION_ACCEPTED)
+
+    def send_count(self, link: TelemetryLink, message: MavMessage) -> bytes:
+        """Reply to a download with the number of items."""
+        sender = (message.get_srcSystem(), message.get_srcComponent())
+        return link.pack(dialect.MAVLink_mission_count_message(*sender, len(self.items), FENCE_TYPE))
+
+    def send_item(self, link: TelemetryLink, message: MavMessage) -> bytes:
+        """Reply to a request for one item."""
+        if message.seq >= len(self.items):
+            return _acknowledge_fence(link, message, dialect.MAV_MISSION_INVALID_SEQUENCE)
+        m, sender = self.items[message.seq], (message.get_srcSystem(), message.get_srcComponent())
+        return link.pack(
+            dialect.MAVLink_mission_item_int_message(
+                *sender, m.seq, m.frame, m.command, 0, 1, m.param1, m.param2, m.param3, m.param4, m.x, m.y, m.z,
+                FENCE_TYPE,
+            )
+        )  # fmt: skip
+
+
+def _acknowledge_fence(link: TelemetryLink, message: MavMessage, result: int) -> bytes:
+    sender = (message.get_srcSystem(), message.get_srcComponent())
+    return link.pack(dialect.MAVLink_mission_ack_message(*sender, result, FENCE_TYPE))
+
+
+# -- files and missions, which are refused ---------------------------------------------------------------
 
 
 def _refuse_files(link: TelemetryLink, m: MavMessage) -> bytes:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from math import inf, isfinite
+from typing import ClassVar
 
 import msgspec
 import numpy as np
@@ -12,7 +13,7 @@ from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.config import Tuning, ValidityConfig
 from jezero.services.estimator.consistency import ConsistencyMonitor
 from jezero.services.estimator.innovations import Observer
-from jezero.services.estimator.kalman import FilterState, Kalman
+from jezero.services.estimator.kalman import FilterState, Kalman, UpdateResult
 from jezero.services.estimator.measurement_history import ACCEPTED_FRACTION_MIN, MeasurementHistory
 from jezero.services.estimator.measurements import (
     INPUT_KINDS,
@@ -39,7 +40,6 @@ from jezero.services.estimator.motion import (
     MotionModel,
     initial_state,
 )
-from jezero.services.estimator.resets import HeadingReset, PositionReset
 from jezero.services.estimator.uwb_initialization import UwbWindow
 
 FOUND_STD_MAX_M = 0.1 * STD_UNKNOWN_M
@@ -330,3 +330,33 @@ def _admitted(monitor: ConsistencyMonitor, measurement: Measurement) -> Iterator
         yield msgspec.structs.replace(measurement, speed_known=False)
     else:
         yield measurement
+
+
+# -- resets, which the history keeps in order with the measurements --------------------------------------
+
+
+class HeadingReset(msgspec.Struct, frozen=True, gc=False):
+    """Turn of the rover's heading against its compass; for the fields see `Kalman.reset_rover_heading`."""
+
+    kind: ClassVar[Kind] = "locate"
+    t_ns: int
+    turn_rad: float
+    std_rad: float
+
+    def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> UpdateResult:
+        kalman.reset_rover_heading(self.turn_rad, self.std_rad)
+        return UpdateResult(1, 1)
+
+
+class PositionReset(msgspec.Struct, frozen=True, gc=False):
+    """Measured relative position that replaces the former estimate; fields as in `Kalman.reset_rover_position`."""
+
+    kind: ClassVar[Kind] = "locate"
+    t_ns: int
+    pos_rel_m: Array
+    cov_m2: Array
+    error_jacobian: Array
+
+    def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> UpdateResult:
+        kalman.reset_rover_position(self.pos_rel_m, self.cov_m2, self.error_jacobian)
+        return UpdateResult(3, 3)

@@ -21,6 +21,7 @@ from jezero.services.estimator.config import EstimatorConfig
 from jezero.services.estimator.innovations import Observer
 from jezero.services.estimator.measurements import (
     AltimeterMeasurement,
+    Kind,
     Measurement,
     OdometryMeasurement,
     RoverOdometryMeasurement,
@@ -32,7 +33,6 @@ from jezero.services.estimator.relative_filter import FilterEstimate, RelativeFi
 from jezero.services.estimator.rover_plausibility import RoverPlausibilityCheck
 from jezero.services.estimator.rover_tilt import LEVEL, level_from_rover_body
 from jezero.services.estimator.selection import InputSelection
-from jezero.services.estimator.validity import TAG, UWB, invalid_reason
 
 UPPER_6 = np.triu_indices(6)
 ATTITUDE_AGE_MAX_S = 0.06
@@ -46,6 +46,9 @@ INVALID_PERIOD_NS = 100_000_000
 """Without odometry, the estimate is published as invalid with this period."""
 ROVER_PERIOD_NS = NS_PER_S // 10
 ZERO: Vec3 = (0.0, 0.0, 0.0)
+UWB, TAG = "UWB", "the tag"
+INPUT_NAMES: dict[Kind, str] = {"rover": "the rover's odometry", "uwb": UWB, "tag": TAG}
+"""Names for people."""
 
 SPEC = Spec(
     name="estimator",
@@ -304,6 +307,57 @@ class Estimator:
             self._selection.tuning.scale_std_tag,
         )
 
+    # -- why the estimate is invalid, in words that say what to check --------------------------------------
+
+    def _invalid_reason(self, t_ns: int) -> str:
+        """Why the filter's estimate is invalid, its causes first; "" for a valid estimate."""
+        odometry_ns = None if self._odometry is None else self._odometry.t_ns
+        if odometry_ns is None or t_ns - odometry_ns > self._config.validity.odometry_timeout_s * NS_PER_S:
+            reason = "no odometry of the vehicle"
+        else:
+            reason = next(self._invalid_reasons(t_ns), "")
+        if not reason:
+            return ""
+        causes = (
+            self._filter.consistency.left_out,
+            self._arrivals.late_reason(t_ns, UWB) if self._selection.use_uwb else "",
+            self._arrivals.late_reason(t_ns, TAG) if self._selection.use_tag else "",
+        )
+        return "; ".join(text for text in (*causes, reason) if text)
+
+    def _invalid_reasons(self, t_ns: int) -> Iterator[str]:
+        """What makes the filter's estimate invalid, the most important reason first."""
+        validity, selection, relative = self._config.validity, self._selection, self._filter
+        selected = " and ".join(n for n, use in ((UWB, selection.use_uwb), ("tag", selection.use_tag)) if use)
+        if not selected:
+            yield "neither UWB nor tag is selected"
+        if not relative.located:
+            missing = "; the rover's odometry is missing" if self._rover_odometry_ns is None else ""
+            yield f"the rover has not been found yet by {selected}{missing}"
+        if relative.fused_ns == 0:
+            yield f"nothing measured by {selected} yet"
+        silent_s = (t_ns - relative.fused_ns) / NS_PER_S
+        if silent_s > validity.aiding_timeout_s:
+            yield f"nothing measured by {selected} for {silent_s:.0f} s: {_advice(selection)}"
+        if relative.std_pos_m > validity.std_pos_max_m:
+            known = f"the rover's position is known to {relative.std_pos_m:.1f} m by {selected}"
+            used = f"the last measurement is {silent_s:.1f} s old"
+            yield f"{known}, {validity.std_pos_max_m:g} m are needed (std_pos_max_m), {used}: {_advice(selection)}"
+        if relative.consistency.height:
+            yield relative.consistency.height
+        if relative.has_input_conflict:
+            yield "UWB and tag contradict each other"
+        if relative.rejected_inputs:
+            names = [INPUT_NAMES[kind] for kind in relative.rejected_inputs]
+            yield f"the estimate is contradicted by {' and '.join(names)}"
+
+    def _is_contradicted(self) -> bool:
+        """Whether inputs contradict each other or the altimeter; to be called for an invalid estimate."""
+        relative = self._filter
+        monitor, selection = relative.consistency, self._selection
+        left_out = (monitor.uwb_left_out and selection.use_uwb) or (monitor.tag_left_out and selection.use_tag)
+        return bool(left_out) or bool(monitor.height) or relative.has_input_conflict
+
     # -- outputs ------------------------------------------------------------------------------------------
 
     def _publish(self, t_ns: int, fresh: bool, reason: str) -> Iterator[Output]:
@@ -318,25 +372,6 @@ class Estimator:
         if estimate is not None and odometry is not None and t_ns - self._rover_published_ns >= 0.9 * ROVER_PERIOD_NS:
             self._rover_published_ns = t_ns
             yield Publish(topics.ROVER_ESTIMATE, self._rover_estimate(estimate, odometry, reason))
-
-    def _invalid_reason(self, t_ns: int) -> str:
-        """Why the estimate is invalid, its causes first, or ""."""
-        return invalid_reason(
-            t_ns,
-            self._config.validity,
-            self._selection,
-            self._filter,
-            self._arrivals,
-            odometry_ns=None if self._odometry is None else self._odometry.t_ns,
-            rover_odometry_received=self._rover_odometry_ns is not None,
-        )
-
-    def _is_contradicted(self) -> bool:
-        """Whether inputs contradict each other or the altimeter; to be called for an invalid estimate."""
-        relative = self._filter
-        monitor, selection = relative.consistency, self._selection
-        left_out = (monitor.uwb_left_out and selection.use_uwb) or (monitor.tag_left_out and selection.use_tag)
-        return bool(left_out) or bool(monitor.height) or relative.has_input_conflict
 
     def _relative(self, t_ns: int, estimate: FilterEstimate | None, reason: str) -> Relative:
         selection, located = self._selection, self._filter.located
@@ -393,3 +428,10 @@ class Estimator:
 def _vec3(v: Array) -> Vec3:
     x, y, z = v.tolist()
     return (x, y, z)
+
+
+def _advice(selection: InputSelection) -> str:
+    """What to check about the inputs in use."""
+    tag, uwb = "the tags are in view and lit", "three or more anchors are powered and within their range"
+    wanted = [text for text, use in ((uwb, selection.use_uwb), (tag, selection.use_tag)) if use]
+    return f"check that {' and that '.join(wanted)}"

@@ -15,14 +15,12 @@ from jezero.schemas.terrain import Ground
 from jezero.services.simulator import sensors
 from jezero.services.simulator.body import BodyState
 from jezero.services.simulator.config import SimulatorConfig
-from jezero.services.simulator.drive import Drive
-from jezero.services.simulator.ground_reply import ground_reply
 from jezero.services.simulator.hil import HilPort
 from jezero.services.simulator.noise import generator, normals_of
-from jezero.services.simulator.rover import RoverModel
+from jezero.services.simulator.rover import Drive, RoverModel
 from jezero.services.simulator.rover_port import ROVER, RoverPort
 from jezero.services.simulator.schedule import Schedule
-from jezero.services.simulator.terrain import make_terrain
+from jezero.services.simulator.terrain import ground_reply, make_terrain
 from jezero.services.simulator.uav import Uav
 from jezero.services.simulator.wind import WindModel
 

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from jezero.base.frames import Vec3
+from jezero.schemas.terrain import Ground, Rock
 from jezero.services.simulator.config import TerrainConfig
 from jezero.services.simulator.noise import generator
 
@@ -162,3 +164,33 @@ def _smooth_step(x: Any) -> Field:
     t = np.clip(x, 0.0, 1.0)
     result: Field = t * t * (3.0 - 2.0 * t)
     return result
+
+
+# -- the terrain as clients get it -----------------------------------------------------------------------
+
+REPLY_EVERY = 2
+"""Clients get every second height, so that the reply stays below 100 kB: what lies between differs by less than 2 cm
+from the straight line."""
+
+
+def ground_reply(terrain: Terrain, origin_ned_m: Vec3) -> Ground:
+    """The terrain around another origin: a coarser grid, and the rocks as balls.
+
+    Args:
+        origin_ned_m: (3,) origin of the reply's frame, in the map.
+    """
+    north_m, east_m, down_m = origin_ned_m
+    heights_mm = np.rint(1000.0 * terrain.heights_m[::REPLY_EVERY, ::REPLY_EVERY]).astype(int)
+    corners_m = terrain.rock_vertices_ned_m.reshape(-1, len(ICOSAHEDRON), 3)
+    middles_m = corners_m.mean(axis=1)
+    radii_m = np.linalg.norm(corners_m - middles_m[:, None], axis=2).mean(axis=1)
+    places_m = np.round(middles_m - np.array(origin_ned_m), 3)
+    return Ground(
+        spacing_m=REPLY_EVERY * SPACING_M,
+        corner_ned_m=(-HALF_SIDE_M - north_m, -HALF_SIDE_M - east_m, -down_m),
+        heights_mm=tuple(map(tuple, heights_mm.tolist())),
+        rocks=tuple(
+            Rock(pos_rock_ned_m=tuple(place), radius_m=radius)
+            for place, radius in zip(places_m.tolist(), np.round(radii_m, 3).tolist(), strict=True)
+        ),
+    )

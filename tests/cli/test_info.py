@@ -3,7 +3,7 @@
 import re
 import shlex
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast
 
 import click
 import msgspec
@@ -17,7 +17,7 @@ from jezero.cli.info import PAGES, reference_page
 from jezero.cli.main import main
 from jezero.cli.reference.actions import EXAMPLES
 from jezero.cli.reference.words import Field, attributes_of, description_of, fields_of, summary_of, table, unit_of
-from jezero.client.goal_methods import GoalMethods
+from jezero.client.vehicle import Vehicle
 from jezero.schemas.goals import Goal
 from jezero.schemas.rows import Action
 from jezero.schemas.state import Odometry, Status, StatusCode
@@ -197,9 +197,10 @@ class GoalSenderSpy:
 
 
 @pytest.mark.parametrize("name", ACTIONS)
-def test_an_example_of_a_call_sends_the_goal(name: str) -> None:
-    spy: Any = GoalSenderSpy()
-    eval(EXAMPLES[name].call, {"uav": GoalMethods(spy)})
+def test_an_example_of_a_call_sends_the_goal(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    spy, connection = GoalSenderSpy(), cast("Any", None)
+    monkeypatch.setattr("jezero.client.vehicle.GoalSender", lambda _: spy)
+    eval(EXAMPLES[name].call, {"uav": Vehicle(connection)})
     assert [replace(goal, goal_id="") for goal in spy.sent] == [EXAMPLES[name].goal]
 
 

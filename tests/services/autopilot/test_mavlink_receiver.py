@@ -1,18 +1,16 @@
-"""Parameters, refusals, ping and time at the autopilot's links, and the battery."""
+"""Parameters, refusals, ping and time at the autopilot's links, and who may stop the motors in the air."""
 
 import msgspec
 import pytest
 
 from jezero.base.mavlink import MavlinkCodec, MavMessage, dialect
 from jezero.base.vehicle_config import BatteryConfig
-from jezero.services.autopilot.battery import BatteryModel
 from jezero.services.autopilot.config import AutopilotConfig
-from jezero.services.autopilot.mavlink_receiver import decode_parameter, encode_parameter
+from jezero.services.autopilot.mavlink_receiver import ForcedDisarmRule, decode_parameter, encode_parameter
 from jezero.services.autopilot.parameters import ROWS, Parameters, Row, Value
 from jezero.services.autopilot.service import OFFBOARD
 from tests.services.autopilot.test_service import Bench, kinds
 
-HOVER = 0.5
 REQUEST_MESSAGE = dialect.MAV_CMD_REQUEST_MESSAGE
 
 
@@ -94,24 +92,6 @@ def test_pings_and_time_are_answered() -> None:
     assert (sync.tc1, sync.ts1) == (bench.t_us * 1000, 77)
 
 
-def test_hovering_for_a_minute_takes_a_minutes_charge_and_voltage_falls_with_it() -> None:
-    battery = BatteryModel(BatteryConfig(), 1.0, HOVER)
-    full_v = battery.voltage_v
-    for _ in range(600):
-        battery.step(0.1, (0.5, 0.5, 0.5, 0.5))
-    assert battery.current_a == pytest.approx(15.5)
-    assert battery.used_mah == pytest.approx(15.5 / 60.0 * 1000.0)
-    assert battery.remaining == pytest.approx(1.0 - battery.used_mah / 5000.0)
-    assert full_v == pytest.approx(16.2)
-    assert 15.5 < battery.voltage_v < full_v
-
-
-def test_an_empty_battery_is_not_less_than_empty() -> None:
-    battery = BatteryModel(BatteryConfig(), 0.0, HOVER)
-    battery.step(10.0, (1.0, 1.0, 1.0, 1.0))
-    assert battery.remaining == 0.0
-
-
 @pytest.mark.parametrize(("system", "taken"), [(1, True), (245, True), (255, True), (77, False), (2, False)])
 def test_commands_are_taken_of_the_listed_systems_alone_and_health_names_the_others(system: int, taken: bool) -> None:
     bench = Bench()
@@ -133,3 +113,34 @@ def test_the_list_of_ground_stations_is_a_setting() -> None:
         bench.companion = MavlinkCodec(system, 190)
         received = send(bench, dialect.MAVLink_command_long_message(1, 1, REQUEST_MESSAGE, 0, 148.0, *[0.0] * 6))
         assert bool(kinds(received, dialect.MAVLINK_MSG_ID_COMMAND_ACK)) == taken
+
+
+# -- the rule of the forced disarm in the air, alone -----------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("listed", "on_ground", "system", "refusal"),
+    [
+        ((), (255,), 255, ""),
+        ((), (255,), 252, "MAVLink system 252 sent nothing before the takeoff"),
+        ((), (), 1, "MAVLink system 1 sent nothing before the takeoff"),
+        ((245,), (255,), 245, ""),
+        ((245,), (255,), 255, "MAVLink system 255 is not in force_disarm_systems"),
+    ],
+)
+def test_listed_systems_may_and_without_a_list_those_that_were_there_before_the_takeoff(
+    listed: tuple[int, ...], on_ground: tuple[int, ...], system: int, refusal: str
+) -> None:
+    rule = ForcedDisarmRule(listed)
+    for each in on_ground:
+        rule.on_message_on_ground(each)
+    assert rule.refusal(system) == refusal
+
+
+def test_a_flood_of_denied_commands_is_one_line_in_the_log_of_a_flight(capfd: pytest.CaptureFixture[str]) -> None:
+    rule = ForcedDisarmRule(())
+    for _ in range(3):
+        rule.log("by system 252")
+    rule.on_message_on_ground(255)
+    rule.log("by system 252")
+    assert capfd.readouterr().err == "by system 252\n" * 2

@@ -19,7 +19,7 @@ from jezero.deploy.launcher.ports import reserved_instance, service_environment
 from jezero.runtime.instance import Instance, socket_of
 from jezero.runtime.routing import open_router
 from jezero.services.autopilot.__main__ import UNIX_2015_S
-from jezero.services.autopilot.kept_stamp import NAME, load, save
+from jezero.services.autopilot.ground_link import STAMP_NAME, load_stamp, save_stamp
 from tests.services.autopilot.test_mavlink_fuzz import KEY
 
 TIMEOUT_S = 60.0
@@ -71,16 +71,16 @@ def test_a_message_without_the_key_is_not_worth_a_write() -> None:
 def test_the_file_keeps_the_time_stamp_and_a_damaged_one_counts_as_the_latest(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    path = tmp_path / NAME
-    assert load(path, NOW) == load(None, NOW) == -1
-    save(path, 77)
-    save(path, NOW + 5)
-    assert load(path, NOW) == NOW + 5
-    assert [each.name for each in tmp_path.iterdir()] == [NAME]
+    path = tmp_path / STAMP_NAME
+    assert load_stamp(path, NOW) == load_stamp(None, NOW) == -1
+    save_stamp(path, 77)
+    save_stamp(path, NOW + 5)
+    assert load_stamp(path, NOW) == NOW + 5
+    assert [each.name for each in tmp_path.iterdir()] == [STAMP_NAME]
     path.write_bytes(b"\xff\x00")
-    assert load(path, NOW) == NOW + Signing.WINDOW
+    assert load_stamp(path, NOW) == NOW + Signing.WINDOW
     assert "mavlink_stamp is damaged: no signed message is accepted for about 60 s" in capfd.readouterr().err
-    save(tmp_path / "missing" / NAME, 1)
+    save_stamp(tmp_path / "missing" / STAMP_NAME, 1)
     assert "after a restart a captured MAVLink message could be accepted" in capfd.readouterr().err
 
 
@@ -154,7 +154,7 @@ def test_a_captured_command_is_not_carried_out_again_after_the_process_was_kille
             fresh = station.command_that_is_acknowledged()
             assert not station.is_acknowledged(captured), "a replay to the next process"
             assert not station.is_acknowledged(fresh)
-        (tmp_path / NAME).unlink()
+        (tmp_path / STAMP_NAME).unlink()
         with autopilot(environment):
             deadline_s = time.monotonic() + TIMEOUT_S
             while not station.is_acknowledged(fresh, within_s=0.3):  # without the file the same replay is carried out

@@ -1,8 +1,12 @@
-"""Heading from the vehicle's own motion: GNSS velocities against the accelerations of the IMU.
+"""The heading: which readings of the compass correct it, and its error as measured by the vehicle's own motion.
 
-Between two fixes the velocity changes by what the accelerometer measures, turned into the world by the estimated
-attitude. When the estimated heading is wrong by an angle, all those changes are turned by that angle, so the angle can
-be measured whenever the vehicle accelerates, without a compass.
+In the air the gyroscope carries the heading for minutes, while a compass near iron or a current can jump by any angle
+and stay there. So a compass that contradicts the heading is rejected for as long as it does. On the ground the heading
+is reset to a compass that insists, because the vehicle may have been turned while the filter was disturbed.
+
+In the air the motion measures the heading. Between two GNSS fixes the velocity changes by what the accelerometer
+measures, turned into the world by the estimated attitude. When the estimated heading is wrong by an angle, all those
+changes are turned by that angle, so the angle can be measured whenever the vehicle accelerates, without a compass.
 
 Source: the purpose of PX4's EKF-GSF yaw estimator; here a fit in closed form takes the place of its bank of filters.
 """
@@ -11,10 +15,73 @@ import cmath
 from collections import deque
 from collections.abc import Collection
 from dataclasses import dataclass
-from math import inf, sqrt
+from math import atan2, cos, degrees, inf, sin, sqrt
+from typing import Literal
 
 from jezero.base.frames import Vec3, wrap_pi
 from jezero.services.autopilot.alignment import FIX_AGE_MAX_US
+from jezero.services.autopilot.reset_detector import ResetDetector
+
+# -- the compass -----------------------------------------------------------------------------------------
+
+REOPENS_AFTER = 10
+"""After a rejected reading, the compass is fused again when this number of readings in a row lie within the gate. With
+noise, single readings of a wrong compass lie within the gate too, and each of them would pull the heading."""
+
+
+class HeadingGate:
+    """Gate of the compass' innovations.
+
+    Attributes:
+        landed: whether the vehicle is on the ground.
+    """
+
+    def __init__(self) -> None:
+        self.landed = True
+        self._detector = ResetDetector()
+        """Its innovation is the cosine and sine of the heading's innovation, which can be averaged."""
+        self._good = REOPENS_AFTER
+        """Number of readings within the gate since the last rejected one."""
+
+    @property
+    def error_rad(self) -> float:
+        """Smoothed innovation while readings are rejected, otherwise 0."""
+        if not self._detector.mean_innovation:
+            return 0.0
+        cosine, sine = self._detector.mean_innovation
+        return atan2(sine, cosine)
+
+    @property
+    def rejection_reason(self) -> str:
+        """Text on the compass that is being rejected, or ""."""
+        if not self._detector.mean_innovation:
+            return ""
+        return f"the magnetometer's heading is {abs(degrees(self.error_rad)):.0f} degrees off the estimate"
+
+    def judge(self, t_us: int, error_rad: float, gate_rad: float) -> Literal["fuse", "reject", "reset"]:
+        """Judge one reading; on "reset" the heading is reset by `error_rad`, then `clear` is called.
+
+        Args:
+            error_rad: innovation, the heading of the compass minus the estimated one.
+            gate_rad: greatest innovation that is fused.
+        """
+        if abs(error_rad) < gate_rad:
+            self._good += 1
+            if self._good < REOPENS_AFTER:
+                return "reject"
+            self.clear()
+            return "fuse"
+        self._good = 0
+        insists = self._detector.update(t_us, (cos(error_rad), sin(error_rad)), gate_rad)
+        return "reset" if insists and self.landed else "reject"
+
+    def clear(self) -> None:
+        """Forget the rejected readings."""
+        self._detector.clear()
+        self._good = REOPENS_AFTER
+
+
+# -- the motion ------------------------------------------------------------------------------------------
 
 SEGMENT_US = 4_000_000
 """Length of one fit. Within it the gyroscope alone carries the attitude, whose drift is small for so long."""
