@@ -1,0 +1,63 @@
+"""Parameters of a flight controller are read and set over a link that loses messages."""
+
+from collections.abc import Iterator
+
+from jezero.base.mavlink import dialect
+from jezero.services.vehicle_bridge.controller_parameters import ParameterExchange
+from tests.services.vehicle_bridge.rig import FakeAutopilot
+
+MS = 1_000_000
+
+
+def run(exchange: ParameterExchange, autopilot: FakeAutopilot, seconds: float = 10.0) -> Iterator[int]:
+    """Times in ms at which something was sent, until all is done."""
+    data, now_ns = autopilot.codec.pack(dialect.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3)), 0
+    while not exchange.done and now_ns < seconds * 1e9:
+        out = exchange.step(data, now_ns)
+        data = autopilot.handle(out)
+        if out:
+            yield now_ns // MS
+        now_ns += 10 * MS
+
+
+def test_parameters_are_read_with_their_types_and_unknown_ones_are_named() -> None:
+    autopilot = FakeAutopilot(system_id=9)
+    autopilot.parameters = {"COM_OF_LOSS_T": 0.5, "COM_OBL_RC_ACT": 3}
+    exchange = ParameterExchange()
+    exchange.read(["COM_OF_LOSS_T", "COM_OBL_RC_ACT", "MAV_9_RATE"])
+    assert list(run(exchange, autopilot))
+    assert exchange.done
+    assert exchange.system_id == 9
+    assert exchange.values == {"COM_OF_LOSS_T": 0.5, "COM_OBL_RC_ACT": 3}
+    assert exchange.unknown == ["MAV_9_RATE"]
+
+
+def test_a_lost_reply_is_asked_for_again() -> None:
+    autopilot = FakeAutopilot()
+    autopilot.parameters, autopilot.lost_reads = {"COM_OBL_RC_ACT": 3}, 2
+    exchange = ParameterExchange(system_id=1)
+    exchange.read(["COM_OBL_RC_ACT"])
+    list(run(exchange, autopilot))
+    assert exchange.values == {"COM_OBL_RC_ACT": 3}
+    assert autopilot.read_parameters == ["COM_OBL_RC_ACT"] * 3
+
+
+def test_a_parameter_is_set_when_the_controller_reports_the_value() -> None:
+    autopilot = FakeAutopilot()
+    autopilot.parameters = {"COM_OBL_RC_ACT": 3, "COM_OF_LOSS_T": 0.5}
+    exchange = ParameterExchange(system_id=1)
+    exchange.set("COM_OBL_RC_ACT", 4)
+    exchange.set("COM_OF_LOSS_T", 1.0)
+    list(run(exchange, autopilot))
+    assert autopilot.parameters == {"COM_OBL_RC_ACT": 4, "COM_OF_LOSS_T": 1.0}
+    assert exchange.done
+
+
+def test_another_systems_parameters_are_not_taken() -> None:
+    autopilot = FakeAutopilot(system_id=9)
+    autopilot.parameters = {"COM_OBL_RC_ACT": 3}
+    exchange = ParameterExchange(system_id=1)
+    exchange.read(["COM_OBL_RC_ACT"])
+    list(run(exchange, autopilot))
+    assert exchange.values == {}
+    assert exchange.unknown == ["COM_OBL_RC_ACT"]
