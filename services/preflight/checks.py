@@ -59,7 +59,7 @@ def check_clock(readings: Readings) -> Check:
     """Whether vehicle time goes on, as fast as wall time, and messages are young."""
     clocks = readings.all(CLOCK)
     if len(clocks) < 2:
-        return _check("clock", "failed", "vehicle time stands still: is the simulator running?")
+        return _check("clock", "failed", "vehicle time stands still: see simulator and vehicle_bridge in jezero ps")
     age_s = readings.age_s(STATUS)
     if age_s is not None and abs(age_s) > AGE_MAX_S:
         return _check("clock", "failed", f"the status is {age_s:.2f} s old on arrival, {AGE_MAX_S:g} s is the limit")

@@ -29,6 +29,7 @@ REASONS = {
     "needs Docker",
     "needs PX4",
     "needs a file of your own",
+    "needs a flight controller",
     "needs a flight that ended early",
     "needs an installed package",
     "needs another computer",
