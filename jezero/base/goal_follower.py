@@ -1,10 +1,10 @@
-"""Follows one goal from its request to its end, as a client sees it; the SDK and the mission service drive it.
+"""Follows one goal from its request to its end, as a client sees it; for the SDK and the mission service.
 
-A driver sends the requests, and passes in their replies, their ends without a reply, and the time of any clock that
+The caller sends the requests, and passes in their replies, their ends without a reply, and the time of any clock that
 never steps.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any, Literal
 
 from jezero.schemas.actions import Accepted, CancelReply, Feedback, Rejected, Result, ResultReply
@@ -23,7 +23,6 @@ class GoalFollower:
     """Judges the replies to the requests about one goal, and decides which request is due.
 
     Args:
-        read_result: decodes the JSON of a `Result`.
         unknown_max: a goal that no server knows this many times in a row is lost: its server has ended.
         gap_max_s: longest gap in the connection, with the time in which servers connect again; None: any.
         accepted: the goal flies already.
@@ -36,18 +35,10 @@ class GoalFollower:
             before. `CancelReply` ends a goal that its server has never got: if it still arrives, the server refuses it.
     """
 
-    def __init__(
-        self,
-        read_result: Callable[[bytes], Result[Any]],
-        *,
-        unknown_max: int,
-        gap_max_s: float | None,
-        accepted: bool = False,
-    ) -> None:
+    def __init__(self, *, unknown_max: int, gap_max_s: float | None, accepted: bool = False) -> None:
         self.accepted = accepted
         self.canceling = self.gap = False
         self.end: Result[Any] | Rejected | CancelReply | str | None = None
-        self._read_result = read_result
         self._unknown_max, self._gap_max_s = unknown_max, gap_max_s
         self._sends = self._unknown = self._heard_ns = self._due_ns = self._cancel_due_ns = 0
 
@@ -72,7 +63,7 @@ class GoalFollower:
             self.end = "timeout"
 
     def on_reply(self, now_ns: int, reply: GoalReply) -> None:
-        """Judge a reply; raises the error of `read_result` for a bad result, which may be requested again."""
+        """Judge a reply; a `ResultReply` with a result is passed as that `Result`."""
         if self.end is not None:
             return
         if isinstance(reply, CancelReply | Rejected):
@@ -83,8 +74,6 @@ class GoalFollower:
         self._heard_ns, self._due_ns = now_ns, now_ns + ASK_PERIOD_NS
         if isinstance(reply, Result):
             self.end = reply
-        elif isinstance(reply, ResultReply) and reply.result is not None:
-            self.end = self._read_result(reply.result.encode())
 
     def on_silence(self, now_ns: int, request: GoalRequest, error: str, *, gap: bool = False) -> None:
         """Judge the end of a request without a reply, or without another one.

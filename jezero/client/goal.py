@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Iterator, Mapping
-from functools import partial
 from typing import Any, Generic, TypeVar, cast
 
 from jezero.base.codec import encode
@@ -66,8 +65,7 @@ class Goal(Generic[F, R]):
         self._endpoint = action.endpoint
         self._timeout_s = timeout_s
         self._failure: JezeroError | None = None
-        read = partial(decode, Result[action.result_type])  # type: ignore[name-defined]
-        self._follower = GoalFollower(read, unknown_max=UNKNOWN_MAX, gap_max_s=RECOVER_S)
+        self._follower = GoalFollower(unknown_max=UNKNOWN_MAX, gap_max_s=RECOVER_S)
         self._decode = decoder(self._endpoint.reply_type)
         self._arrivals = connection.stream(self._endpoint.name, encode(goal), GOAL_TIMEOUT_S)
         self._await_acceptance()
@@ -240,8 +238,11 @@ class Goal(Generic[F, R]):
             in_reach = self._connection.connected and (reply is not None or self._connection.sees_bridge())
             if reply is None:
                 follower.on_silence(time.monotonic_ns(), "result", "no reply", gap=not in_reach)
-            else:
+            elif reply.result is None:
                 follower.on_reply(time.monotonic_ns(), reply)
+            else:
+                result = decode(Result[self._action.result_type], reply.result.encode())  # type: ignore[name-defined]
+                follower.on_reply(time.monotonic_ns(), result)
             if isinstance(follower.end, str) or (self._connection.closed and not in_reach):
                 self._failure = Unreachable(self._lost(in_reach))
             if not self._ended:

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from functools import partial
 from typing import Any, Literal
 
 import msgspec
@@ -10,7 +9,7 @@ import msgspec
 from jezero.base.codec import BadPayloadError, decode
 from jezero.base.goal_follower import GoalFollower, GoalRequest
 from jezero.runtime.service import Call, Inbox, Output, Response
-from jezero.schemas.actions import Cancel, GetResult, Pause, PauseReply, Result, Resume
+from jezero.schemas.actions import Cancel, GetResult, Pause, PauseReply, Result, ResultReply, Resume
 from jezero.schemas.goals import Goal
 from jezero.schemas.rows import Action, Endpoint
 from jezero.schemas.struct import Payload
@@ -99,9 +98,7 @@ class StepGoal:
         }
         if not isinstance(goal, str):
             self._calls["goal"] = Call(action.endpoint, goal, f"{goal.goal_id}/goal", STREAM_TIMEOUT_S, streamed=True)
-        read = partial(decode, Result[action.result_type])  # type: ignore[name-defined]
-        flies = "goal" not in self._calls
-        self._follower = GoalFollower(read, unknown_max=UNKNOWN_MAX, gap_max_s=None, accepted=flies)
+        self._follower = GoalFollower(unknown_max=UNKNOWN_MAX, gap_max_s=None, accepted="goal" not in self._calls)
         self._t_ns = 0
 
     def step(self, t_ns: int, inbox: Inbox, *, paused: bool) -> Iterator[Output]:
@@ -156,11 +153,14 @@ class StepGoal:
         yield from (self._calls[request] for request in self._follower.due(self._t_ns))
 
     def _on_response(self, request: GoalRequest, response: Response) -> None:
-        if response.payload is None:
+        reply = response.payload
+        if reply is None:
             self._follower.on_silence(self._t_ns, request, response.error or "", gap=response.error == TIMEOUT)
             return
-        with suppress(BadPayloadError):  # else the next reply has the result
-            self._follower.on_reply(self._t_ns, response.payload)
+        if isinstance(reply, ResultReply) and reply.result is not None:
+            with suppress(BadPayloadError):  # else the next reply has the result
+                reply = decode(Result[self._action.result_type], reply.result.encode())  # type: ignore[name-defined]
+        self._follower.on_reply(self._t_ns, reply)
 
 
 def _without_ids(goal: dict[str, Any] | None) -> dict[str, Any] | None:
