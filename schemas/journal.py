@@ -80,12 +80,12 @@ class Refused(JournalEntry, frozen=True, array_like=True, tag="refused"):
 
 
 class Answered(JournalEntry, frozen=True, array_like=True, tag="answered"):
-    """The outcome of one of the service's own requests.
+    """A reply to one of the service's own requests, or its end without one.
 
     Attributes:
         call_id: that of the call.
         reply: the reply; null after an error.
-        error: reason why there is no reply, or None.
+        error: reason why there is no reply, or no more, or None.
     """
 
     call_id: str

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Generic, TypeVar, cast
 
 from jezero.base.codec import encode
+from jezero.base.goal_follower import GoalFollower
 from jezero.base.zenoh_client import FIRST
 from jezero.client.errors import Aborted, Canceled, JezeroError, Refused, TimedOut, Unreachable
 from jezero.client.session import Connection, ReplyArrivals, decode, decoder
@@ -39,7 +40,7 @@ PAUSE_TIMEOUT_S = 30.0
 """Longest wait until the vehicle hovers: a landing that pauses climbs to the height of its approach first."""
 RECOVER_S = 5.0
 """Time until all servers are connected again after a restart of the router."""
-POLL_S = 0.3
+POLL_S, UNKNOWN_MAX = 0.3, 2
 
 
 class Goal(Generic[F, R]):
@@ -63,14 +64,15 @@ class Goal(Generic[F, R]):
         self._action = action
         self._endpoint = action.endpoint
         self._timeout_s = timeout_s
-        self._result: Result[R] | None = None
         self._failure: JezeroError | None = None
+        self._follower = GoalFollower(unknown_max=UNKNOWN_MAX, gap_max_s=RECOVER_S)
         self._decode = decoder(self._endpoint.reply_type)
         self._arrivals = connection.stream(self._endpoint.name, encode(goal), GOAL_TIMEOUT_S)
         self._await_acceptance()
 
     def __repr__(self) -> str:
-        state = "running" if self._result is None else self._result.outcome
+        end = self._follower.end
+        state = end.outcome if isinstance(end, Result) else "running"
         return f"<{self._action.name} goal {self.goal_id}: {state}>"
 
     def feedback(self) -> Iterator[F]:
@@ -117,7 +119,7 @@ class Goal(Generic[F, R]):
                 raise TimedOut(self._still_runs(timeout_s)) from None
         if self._failure is not None:
             raise self._failure
-        result = cast(Result[R], self._result)
+        result = cast(Result[R], self._follower.end)
         if result.outcome == "aborted":
             raise Aborted(result.reason, result.result)
         if result.outcome == "canceled":
@@ -183,22 +185,18 @@ class Goal(Generic[F, R]):
     # -- internals --
 
     def _await_acceptance(self) -> None:
-        accepted = False
         try:
-            data = self._connection.first(self._arrivals, self._endpoint.name, self._timeout_s)
-            reply = self._decode(data)
-            if isinstance(reply, Rejected):
-                accepted = True  # nothing to cancel
-                raise Refused(reply.reason, reply.code)
-            if not isinstance(reply, Accepted):
-                raise JezeroError(
-                    f"{self._action.name} replied with {type(reply).__name__} before it accepted the goal"
-                )
-            accepted = True
-            self.goal_id, self.warning = reply.goal_id, reply.warning
-        finally:
-            if not accepted:
-                self._withdraw()
+            reply = self._decode(self._connection.first(self._arrivals, self._endpoint.name, self._timeout_s))
+            if not isinstance(reply, Accepted | Rejected):
+                kind = type(reply).__name__
+                raise JezeroError(f"{self._action.name} replied with {kind} before it accepted the goal")
+        except BaseException:
+            self._withdraw()
+            raise
+        self._follower.on_reply(time.monotonic_ns(), reply)
+        if isinstance(reply, Rejected):
+            raise Refused(reply.reason, reply.code)
+        self.goal_id, self.warning = reply.goal_id, reply.warning
 
     def _withdraw(self) -> None:
         """Cancel a goal whose acceptance did not arrive; best effort."""
@@ -207,7 +205,7 @@ class Goal(Generic[F, R]):
 
     @property
     def _ended(self) -> bool:
-        return self._result is not None or self._failure is not None
+        return self._follower.end is not None or self._failure is not None
 
     def _next(self, deadline_s: float | None) -> F | None:
         """Wait for one reply and process it, or find out why there is none."""
@@ -220,35 +218,32 @@ class Goal(Generic[F, R]):
     def _process(self, data: bytes) -> F | None:
         """Process one reply: return feedback, keep the result."""
         reply = self._decode(data)
-        if isinstance(reply, Feedback):
+        self._follower.on_reply(time.monotonic_ns(), reply)
+        if isinstance(reply, Feedback | Result):
             self._connection.set_vehicle_time(reply.t_ns, may_have_waited=True)
-            self.code, self.remaining_s, self.paused = reply.code, reply.remaining_s, reply.paused
-            return cast(F, reply.feedback)
-        if isinstance(reply, Result):
-            self._connection.set_vehicle_time(reply.t_ns, may_have_waited=True)
-            self._result = reply
-        return None
+        if not isinstance(reply, Feedback):
+            return None
+        self.code, self.remaining_s, self.paused = reply.code, reply.remaining_s, reply.paused
+        return cast(F, reply.feedback)
 
     def _recover(self, deadline_s: float | None) -> None:
         """Find the result after the replies ended without one: the server died, or a connection was lost."""
-        link_was_lost, denials = False, 0
-        give_up_s = time.monotonic() + RECOVER_S
+        follower = self._follower
+        follower.on_silence(time.monotonic_ns(), "goal", "no reply")
         while not self._ended:
             if deadline_s is not None and time.monotonic() > deadline_s:
                 raise TimedOut("no result in time")
             reply = request_result(self._connection, self.goal_id) if self._connection.connected else None
             # After the request, which may end because a link does. Bridge and action servers are on one computer.
             in_reach = self._connection.connected and (reply is not None or self._connection.sees_bridge())
-            link_was_lost |= not in_reach
-            denials += reply is None
-            if reply is not None and reply.result is not None:
-                self._result = decode(Result[self._action.result_type], reply.result.encode())  # type: ignore[name-defined]
-            elif reply is not None:
-                give_up_s = time.monotonic() + RECOVER_S
-            elif not link_was_lost and denials > 1:
-                died = f"the {self._action.name} server died or lost its router"
-                self._failure = Unreachable(f"{died}; the vehicle hovers (`jezero ps`, uav.status())")
-            elif self._connection.closed or (link_was_lost and time.monotonic() > give_up_s):
+            if reply is None:
+                follower.on_silence(time.monotonic_ns(), "result", "no reply", gap=not in_reach)
+            elif reply.result is None:
+                follower.on_reply(time.monotonic_ns(), reply)
+            else:
+                result = decode(Result[self._action.result_type], reply.result.encode())  # type: ignore[name-defined]
+                follower.on_reply(time.monotonic_ns(), result)
+            if isinstance(follower.end, str) or (self._connection.closed and not in_reach):
                 self._failure = Unreachable(self._lost(in_reach))
             if not self._ended:
                 time.sleep(POLL_S)
@@ -258,9 +253,12 @@ class Goal(Generic[F, R]):
         return f"{self._action.name} still runs after {timeout_s:g} s"
 
     def _lost(self, in_reach: bool) -> str:
-        """Error text for a goal after the connection was closed, lost, or lost and restored."""
-        if in_reach:
+        """Error text for a goal that no server knows, or whose connection was closed, lost, or lost and restored."""
+        if in_reach and self._follower.gap:
             return f"the connection was lost, and no action server knows goal {self.goal_id}: its server died too"
+        if in_reach:
+            name = self._action.name
+            return f"the {name} server died or lost its router; the vehicle hovers (`jezero ps`, uav.status())"
         reason = self._connection.loss_reason() or self._connection.hidden_reason()
         reason = reason or f"the link to {self._connection.vehicle} is lost (`jezero ps`)"
         return f"{reason}; goal {self.goal_id} may still run"

@@ -253,17 +253,16 @@ class MemoryBus:
             self._deliver(owner, peer, peer_link, t_ns, data, partial(port.receive_bytes, peer_link))
 
     def call(self, caller: "Port", endpoint: Endpoint[Any, Any], data: bytes, call_id: str, timeout_s: float) -> None:
-        """Send a service's request; the first of reply, end and timeout is its response."""
-        finished = False
+        """Send a service's request; its node gets each reply, the end of the replies and the timeout."""
 
-        def finish(reply: bytes | None, error: str | None) -> None:
-            nonlocal finished
-            if not finished and caller.alive:
-                finished = True
+        def respond(reply: bytes | None, error: str | None) -> None:
+            if caller.alive:
                 caller.wants_step |= caller.node.deliver_response(call_id, reply, error)
 
-        self._request(caller.name, endpoint, data, lambda reply: finish(reply, None), lambda: finish(None, "no server"))
-        self.at(self.t_ns + int(timeout_s * NS_PER_S), endpoint.name, lambda: finish(None, "timeout"))
+        self._request(
+            caller.name, endpoint, data, lambda reply: respond(reply, None), lambda: respond(None, "no server")
+        )
+        self.at(self.t_ns + int(timeout_s * NS_PER_S), endpoint.name, lambda: respond(None, "timeout"))
 
     def reply(self, server: str, request_id: int, data: bytes | None, *, final: bool) -> None:
         """Send a reply (None: none) back to the client of a request."""

@@ -178,7 +178,10 @@ class Node:
         return source.triggers
 
     def deliver_response(self, call_id: str, data: bytes | None, error: str | None) -> bool:
-        """Put the first reply to a call into the inbox, or the error that replaces it; later replies are ignored."""
+        """Put a reply to a call into the inbox, or the error that ends it; what comes after its end is ignored.
+
+        A call ends with an error or a wrong reply, and with its first reply unless it is streamed.
+        """
         call = self._pending_calls.pop(call_id, None)
         if call is None:
             return False
@@ -189,6 +192,8 @@ class Node:
             except BadPayloadError as bad:
                 endpoint = call.endpoint
                 error, data = f"{endpoint.server} sent a wrong reply on {endpoint.name}: {bad}", None
+        if call.streamed and data is not None:
+            self._pending_calls[call_id] = call
         if self._journal is not None:
             self._journal.add(entries.Answered(call_id, NULL if data is None else Raw(data), error))
         self.inbox.responses.append(Response(call.tag, payload, error))

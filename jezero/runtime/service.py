@@ -91,12 +91,22 @@ class Reply(msgspec.Struct, frozen=True):
 
 
 class Call(msgspec.Struct, frozen=True):
-    """A request to an endpoint of `Spec.calls`; its first reply arrives as a `Response` with the same tag."""
+    """A request to an endpoint of `Spec.calls`.
+
+    Attributes:
+        endpoint: the endpoint.
+        payload: content of the request.
+        tag: that of the response.
+        timeout_s: duration after which no more replies are awaited.
+        streamed: whether every reply arrives as a `Response` of its own, and after the last one a `Response` with an
+            error; otherwise the first reply, or the error that replaces it, is the only `Response`.
+    """
 
     endpoint: Endpoint[Any, Any]
     payload: Payload
     tag: str
     timeout_s: float = 1.0
+    streamed: bool = False
 
 
 class Send(msgspec.Struct, frozen=True):
@@ -174,13 +184,13 @@ class Request(msgspec.Struct, frozen=True):
 
 
 class Response(msgspec.Struct, frozen=True):
-    """The outcome of a `Call` or of a `BackgroundTask`.
+    """A reply to a `Call`, or the outcome of a call without one or of a `BackgroundTask`.
 
     Attributes:
         tag: that of the call or task.
         payload: the reply, or the function's return value; None after an error.
-        error: reason why a call has no reply ("timeout", "no server", ...), or a task no value (its exception, the
-            death of its process, "canceled").
+        error: reason why a call has no reply, or no more replies ("timeout", "no server", ...), or a task no value (its
+            exception, the death of its process, "canceled").
     """
 
     tag: str
