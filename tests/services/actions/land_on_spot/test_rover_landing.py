@@ -362,6 +362,7 @@ def test_by_the_tag_alone_it_stays_so_high_on_its_way_that_the_tag_is_in_view() 
 def test_the_path_leads_from_the_vehicle_to_above_the_platform_and_down_to_it() -> None:
     landing = Landing(BOTH)
     landing.run(0.1)
+    assert isinstance(landing.behaviour, RoverLanding)
     here, above, platform = landing.behaviour.path(landing.state())
     assert here == landing.pos_m
     assert platform == pytest.approx(DECK_NED_M, abs=0.05)
