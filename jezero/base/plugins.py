@@ -35,7 +35,7 @@ def plugin_names() -> tuple[str, ...]:
     Names that jezero's own actions have, and names that are no identifiers in lower case, are left out:
     `load_declaration` gives the reason.
     """
-    return tuple(sorted({point.name for point in entry_points(group=GROUP) if not name_problem(point.name)}))
+    return tuple(sorted({point.name for point in entry_points(group=GROUP) if not name_refusal(point.name)}))
 
 
 @cache
@@ -45,8 +45,8 @@ def load_declaration(name: str) -> Any:
     Raises:
         PluginError: no installed package adds it, several do, its package can't be imported, or it is no declaration.
     """
-    if problem := name_problem(name):
-        raise PluginError(problem)
+    if refusal := name_refusal(name):
+        raise PluginError(refusal)
     point = _only(name, tuple(entry_points(group=GROUP, name=name)))
     try:
         declaration = point.load()
@@ -87,7 +87,7 @@ def action_names() -> tuple[str, ...]:
     return (*ACTIONS, *plugin_names())
 
 
-def name_problem(name: str) -> str:
+def name_refusal(name: str) -> str:
     """The reason why a package's action may not have this name, or ""."""
     if name in ACTIONS:
         return f"action {name!r} is one of jezero's own: a package must give its action another name"

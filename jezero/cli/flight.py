@@ -493,10 +493,10 @@ def rover() -> None:
 @common_options
 def drive(speed_mps: float, yaw_rate_rps: float, for_s: float | None, vehicle: str, router: str, as_json: bool) -> None:
     """Drive at SPEED m/s (negative is backwards), turning at YAW_RATE rad/s (positive is clockwise from above)."""
-    from jezero.client.rover import Leg, leg_problem
+    from jezero.client.rover import Leg, leg_refusal
 
-    if problem := leg_problem(Leg(inf if for_s is None else for_s, speed_mps, yaw_rate_rps)):
-        raise click.UsageError(problem)
+    if refusal := leg_refusal(Leg(inf if for_s is None else for_s, speed_mps, yaw_rate_rps)):
+        raise click.UsageError(refusal)
     printer = Printer(as_json)
     with connected(vehicle, router, printer) as uav:
         with suppress(KeyboardInterrupt):

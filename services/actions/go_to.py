@@ -12,7 +12,7 @@ from jezero.schemas.topics import GO_TO, RELATIVE
 from jezero.services.actions.config import ActionsConfig, GoToConfig
 from jezero.services.actions.lifecycle.declaration import ActionDeclaration
 from jezero.services.actions.motion.behaviour import Done, Move, Plan, Refusal, Remaining, VehicleState
-from jezero.services.actions.motion.limits import beyond_limits, point_refusal, speed_refusal
+from jezero.services.actions.motion.limits import high_or_far_refusal, point_refusal, speed_refusal
 from jezero.services.actions.motion.rover_frame import (
     loss_reason,
     rover_position,
@@ -151,7 +151,7 @@ class GoToPlanner:
             override=goal.override,
             landing_from_m=altitude_m(goal.target_ned_m[2]) if do_takeoff else 0.0,
             inputs=(RELATIVE,) if in_rover_frame else (),
-            check_inputs=partial(self._check_inputs, goal) if in_rover_frame else None,
+            check_inputs=partial(self._inputs_refusal, goal) if in_rover_frame else None,
         )
 
     def replan(self, goal: GoToGoal, status: Status, running: GoTo) -> Plan | Refusal:
@@ -160,12 +160,12 @@ class GoToPlanner:
             return Refusal("the vehicle still takes off: modify the goal when it flies to its target")
         return self.plan(replace(goal, do_takeoff=False), status)
 
-    def _check_inputs(self, goal: GoToGoal, state: VehicleState) -> str:
+    def _inputs_refusal(self, goal: GoToGoal, state: VehicleState) -> str:
         """Reason why a target in the rover's frame can't be flown to, or ""."""
         relative = state.relative
         if relative is None or not relative.valid:
             return loss_reason(relative)
-        return beyond_limits(add(goal.target_ned_m, rover_position(state, relative)), self._config.vehicle.limits)
+        return high_or_far_refusal(add(goal.target_ned_m, rover_position(state, relative)), self._config.vehicle.limits)
 
 
 ACTION = ActionDeclaration(action=GO_TO, settings=GoToConfig, planner=GoToPlanner)

@@ -52,7 +52,7 @@ class EngagementTimer:
 class FlightMonitor:
     """Detects what ends a flight: tilt, a wedge, and the loss of telemetry or of the bus's router.
 
-    Each method returns a reason, or None.
+    Each method but `update` returns a reason, or "".
     """
 
     def __init__(self, config: VehicleBridgeConfig) -> None:
@@ -71,7 +71,7 @@ class FlightMonitor:
         if not (flying and _is_held(vehicle, target)):
             self._free_ns = vehicle.timer_ns
 
-    def kill_reason(self, vehicle: VehicleSnapshot) -> str | None:
+    def kill_reason(self, vehicle: VehicleSnapshot) -> str:
         """Reason to cut the motors."""
         tilt = f"tilted by {degrees(vehicle.tilt_rad):.0f} degrees"
         if (vehicle.timer_ns - self._upright_ns) * 1e-9 >= TILT_TIMEOUT_S:
@@ -82,25 +82,25 @@ class FlightMonitor:
                 f"{WEDGED_TIMEOUT_S:g} s although it was commanded to; free it from what holds it, such as the edge "
                 "of the rover's platform, and check rotors and payload"
             )
-        return None
+        return ""
 
-    def link_reason(self, vehicle: VehicleSnapshot) -> str | None:
+    def link_reason(self, vehicle: VehicleSnapshot) -> str:
         """Reason to end a goal."""
         age_s = vehicle.telemetry_age_s
-        return f"no telemetry for {age_s:.1f} s" if age_s > LINK_TIMEOUT_S else None
+        return f"no telemetry for {age_s:.1f} s" if age_s > LINK_TIMEOUT_S else ""
 
-    def blind_reason(self, vehicle: VehicleSnapshot) -> str | None:
+    def blind_reason(self, vehicle: VehicleSnapshot) -> str:
         """Reason to stop streaming."""
         age_s = vehicle.telemetry_age_s
         if age_s <= BLIND_TIMEOUT_S:
-            return None
+            return ""
         return f"no telemetry for {age_s:.1f} s: left to the autopilot's failsafe"
 
-    def router_reason(self, vehicle: VehicleSnapshot) -> str | None:
+    def router_reason(self, vehicle: VehicleSnapshot) -> str:
         """Reason to land."""
         lost_s = vehicle.router_lost_s
         if lost_s < self._config.router_timeout_s or not vehicle.armed or vehicle.landed:
-            return None
+            return ""
         return f"landing: the bus's router has been missing for {lost_s:.0f} s"
 
 

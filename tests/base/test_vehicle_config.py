@@ -39,7 +39,7 @@ from jezero.services.actions.land_on_spot.contact import TouchdownDetector
 from jezero.services.actions.land_on_spot.platform import PlatformState
 from jezero.services.actions.lifecycle.declaration import ActionDeclaration
 from jezero.services.actions.motion.behaviour import Plan, Refusal
-from jezero.services.actions.motion.limits import beyond_limits
+from jezero.services.actions.motion.limits import high_or_far_refusal
 from jezero.services.actions.takeoff import ACTION as TAKEOFF
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.mixer import Mixer
@@ -254,7 +254,7 @@ def test_the_actions_read_the_vehicles_file(tmp_path: Path, monkeypatch: pytest.
     (tmp_path / "vehicle.toml").write_text("[limits]\naltitude_max_m = 10.0")
     (tmp_path / "actions.toml").write_text("")
     config = load_actions_config()
-    assert "limit of 10 m" in beyond_limits((0.0, 0.0, -11.0), config.vehicle.limits)
+    assert "limit of 10 m" in high_or_far_refusal((0.0, 0.0, -11.0), config.vehicle.limits)
     (tmp_path / "actions.toml").write_text("[vehicle.limits]\naltitude_max_m = 20.0")
     with pytest.raises(ConfigError, match=r"belongs in vehicle\.toml"):
         load_actions_config()
@@ -296,7 +296,7 @@ def test_the_bridge_stops_the_motors_by_force_on_taller_legs_too() -> None:
     """With legs that are 0.252 m longer, the altimeter on the ground measures 0.35 m."""
     tall = VehicleConfig(airframe=AirframeConfig(height_stand_m=0.4))
     standing = VehicleSnapshot(t_ns=0, timer_ns=0, range_m=0.35)
-    assert force_disarm_refusal(standing, tall) is None
+    assert force_disarm_refusal(standing, tall) == ""
     assert force_disarm_refusal(standing, VehicleConfig())
 
 

@@ -24,7 +24,7 @@ from jezero.services.actions.area_coverage.ground import CoveredGround, photogra
 from jezero.services.actions.area_coverage.path import covered_fraction, distance_outside_m, plan_path
 from jezero.services.actions.area_coverage.trajectory import Trajectory, make_trajectory, picture_distances, turn_cuts
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.motion.limits import beyond_limits, low_refusal, speed_refusal
+from jezero.services.actions.motion.limits import high_or_far_refusal, low_refusal, speed_refusal
 
 CUTS = (0.5, 0.25, 0.1)
 """Distances before a corner at which its turn begins, in line distances: wide turns are faster, narrow ones leave out
@@ -363,7 +363,7 @@ def _refusal(goal: AreaCoverageGoal, config: ActionsConfig, origin_ned_m: Vec3) 
         return reason
     for north_m, east_m in goal.polygon_ned_m:
         corner_ned_m = add((north_m, east_m, goal.z_ned_m), origin_ned_m)
-        if reason := beyond_limits(corner_ned_m, config.vehicle.limits):
+        if reason := high_or_far_refusal(corner_ned_m, config.vehicle.limits):
             return reason
     if not goal.force and (reason := _map_refusal(goal, config.vehicle, origin_ned_m)):
         return f"{reason}: fly lower, or with force (--force) to take them all the same"

@@ -152,14 +152,14 @@ class AreaCoveragePlanner:
             inputs=(RELATIVE,) if goal.frame == "rover" else (),
             capture=capture,
             rate_hz=self._config.tracking.rate_hz,
-            check_inputs=partial(_check_inputs, goal, capture, shown),
+            check_inputs=partial(_inputs_refusal, goal, capture, shown),
         )
 
     def replan(self, goal: AreaCoverageGoal, status: Status, running: AreaCoverage) -> Plan | Refusal:
         """Plan the rest of a coverage under way, with its missing pictures, or with those of another area."""
         rest = running.changed(goal)
-        if isinstance(rest, str):
-            return Refusal(rest)
+        if isinstance(rest, Refusal):
+            return rest
         limits = self._config.vehicle.limits
         if reason := point_refusal((0.0, 0.0, rest.z_ned_m), limits) or speed_refusal(rest.speed_mps, limits):
             return Refusal(reason)
@@ -248,7 +248,7 @@ def _degrees(position_deg: Sequence[float]) -> str:
     return f"{position_deg[0]:.7f}, {position_deg[1]:.7f}"
 
 
-def _check_inputs(goal: AreaCoverageGoal, capture: Capture, shown: ShownPlan | None, state: VehicleState) -> str:
+def _inputs_refusal(goal: AreaCoverageGoal, capture: Capture, shown: ShownPlan | None, state: VehicleState) -> str:
     """Reason why the goal can't start with these inputs, or ""."""
     if reason := capture.refusal() or frame_loss(goal, state):
         return reason

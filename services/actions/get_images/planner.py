@@ -14,7 +14,7 @@ from jezero.services.actions.get_images.config import GetImagesConfig
 from jezero.services.actions.lifecycle.declaration import ActionDeclaration
 from jezero.services.actions.motion.behaviour import Plan, Refusal, VehicleState
 from jezero.services.actions.motion.capture import Capture
-from jezero.services.actions.motion.limits import beyond_limits, distance_refusal, point_refusal, speed_refusal
+from jezero.services.actions.motion.limits import distance_refusal, high_or_far_refusal, point_refusal, speed_refusal
 from jezero.services.actions.motion.rover_frame import loss_reason, rover_position
 
 IMAGES_MAX = 255
@@ -79,10 +79,10 @@ class GetImagesPlanner:
             inputs=(RELATIVE,) if goal.frame == "rover" else (),
             capture=capture,
             rate_hz=self._config.tracking.rate_hz,
-            check_inputs=partial(self._check_inputs, goal, capture),
+            check_inputs=partial(self._inputs_refusal, goal, capture),
         )
 
-    def _check_inputs(self, goal: GetImagesGoal, capture: Capture, state: VehicleState) -> str:
+    def _inputs_refusal(self, goal: GetImagesGoal, capture: Capture, state: VehicleState) -> str:
         """Reason why the goal can't start with these inputs, or ""."""
         if goal.frame == "rover":
             relative = state.relative
@@ -90,7 +90,7 @@ class GetImagesPlanner:
                 return loss_reason(relative)
             center_ned_m = add(goal.center_ned_m, rover_position(state, relative))
             limits = self._config.vehicle.limits
-            if reason := beyond_limits(center_ned_m, limits) or far_refusal(center_ned_m, goal.radius_m, limits):
+            if reason := high_or_far_refusal(center_ned_m, limits) or far_refusal(center_ned_m, goal.radius_m, limits):
                 return reason
         return capture.refusal()
 

@@ -72,7 +72,7 @@ class ReturnHome:
         self._ground = ground_places(state.pos_uav_ned_m, takeoff_ned_m, rally_points_ned_m)
         self._failures: dict[Place, str] = {}
         """Why the landing failed at each place that was tried."""
-        self._rover: Place | str = rover_place(state.rover, settings.rover_std_max_m, config.vehicle.limits)
+        self._rover: Place | Refusal = rover_place(state.rover, settings.rover_std_max_m, config.vehicle.limits)
         self._rover_ns = t_ns
         """Time at which the rover was last known."""
         self._paths: list[StraightPath] = []
@@ -137,18 +137,18 @@ class ReturnHome:
 
     # -- the decision --
 
-    def _places(self) -> list[Place | str]:
+    def _places(self) -> list[Place | Refusal]:
         """All places, best first; in place of one that can't be flown to, the reason."""
-        rover = f"the rover can't be found: {self._rover}" if isinstance(self._rover, str) else self._rover
-        return [self._failure(place) or place for place in (rover, *self._ground)]
+        rover = self._rover
+        if isinstance(rover, Refusal):
+            rover = Refusal(f"the rover can't be found: {rover.reason}")
+        return [place if isinstance(place, Refusal) else self._judged(place) for place in (rover, *self._ground)]
 
-    def _failure(self, place: Place | str) -> str:
-        """Why the landing failed at a place, or ""."""
-        if isinstance(place, str):
-            return ""
+    def _judged(self, place: Place) -> Place | Refusal:
+        """The place, or why the landing there has failed."""
         where = "on the rover" if place.kind == "rover" else f"at the {place.words}"
         problems = (problem for failed, problem in self._failures.items() if failed.is_same(place))
-        return next((f"no landing {where}: {problem}" for problem in problems), "")
+        return next((Refusal(f"no landing {where}: {problem}") for problem in problems), place)
 
     def _decide(self, t_ns: int, state: VehicleState) -> None:
         """Decide again, and turn to another place, or to where the rover will be."""
@@ -248,7 +248,7 @@ class ReturnHome:
             searches = isinstance(move.feedback, LandFeedback) and move.feedback.phase == "search"
             if searches and t_ns - self._decided_ns >= DECISION_PERIOD_NS:
                 self._decided_ns = t_ns
-                others = [place for place in self._places() if isinstance(place, str) or place.kind != "rover"]
+                others = [place for place in self._places() if isinstance(place, Refusal) or place.kind != "rover"]
                 if not self._lasts_for_others(t_ns, state, others):
                     return self._go_on_elsewhere(t_ns, state, "the battery does not last for a longer search")
             return self._with_feedback(move, state)
@@ -256,7 +256,7 @@ class ReturnHome:
             return self._go_on_elsewhere(t_ns, state, move.reason)
         return move
 
-    def _lasts_for_others(self, t_ns: int, state: VehicleState, others: list[Place | str]) -> bool:
+    def _lasts_for_others(self, t_ns: int, state: VehicleState, others: list[Place | Refusal]) -> bool:
         """Whether the best of the other places may still be reached a little later."""
         way = self._decision.best(t_ns, state, others, None)
         return self._decision.leaves_reserve(t_ns, state, way, SEARCH_MARGIN_S)

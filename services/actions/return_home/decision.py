@@ -17,12 +17,12 @@ from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.config import ActionsConfig, ReturnHomeConfig
 from jezero.services.actions.land_on_spot.plain_landing import plain_descent_remaining
 from jezero.services.actions.land_on_spot.rover_landing import rover_landing_remaining
-from jezero.services.actions.motion.behaviour import VehicleState
+from jezero.services.actions.motion.behaviour import Refusal, VehicleState
 from jezero.services.actions.motion.config import MoveConfig
 from jezero.services.actions.motion.straight_path import SpeedProfile, straight_speed_mps
 
-NO_TAKEOFF = "nobody knows where the vehicle took off"
-NO_RALLY_POINT = "there is no rally point"
+NO_TAKEOFF = Refusal("nobody knows where the vehicle took off")
+NO_RALLY_POINT = Refusal("there is no rally point")
 STILL: Vec3 = (0.0, 0.0, 0.0)
 
 
@@ -52,7 +52,7 @@ class Place:
         return self.kind == other.kind and (self.kind != "rally_point" or self.pos_ned_m == other.pos_ned_m)
 
 
-def rover_place(rover: RoverEstimate | None, std_max_m: float, limits: VehicleLimitsConfig) -> Place | str:
+def rover_place(rover: RoverEstimate | None, std_max_m: float, limits: VehicleLimitsConfig) -> Place | Refusal:
     """The rover, or the reason why nobody knows where it is.
 
     Args:
@@ -60,24 +60,24 @@ def rover_place(rover: RoverEstimate | None, std_max_m: float, limits: VehicleLi
         limits: a rover beyond them is none: its estimate is wrong, or the vehicle may not follow it.
     """
     if rover is None:
-        return "the estimator is silent"
+        return Refusal("the estimator is silent")
     away_m, height_m = horizontal(rover.pos_rover_ned_m), altitude_m(rover.pos_rover_ned_m[2])
     if away_m > limits.distance_max_m or height_m > limits.altitude_max_m:
         beyond = f"beyond the limits of {limits.distance_max_m:g} m and {limits.altitude_max_m:g} m"
-        return f"its estimated position is {away_m:.0f} m away and {height_m:.0f} m up, {beyond}"
+        return Refusal(f"its estimated position is {away_m:.0f} m away and {height_m:.0f} m up, {beyond}")
     north_mps, east_mps, _ = rover.vel_rover_ned_mps
     if rover.valid:
         note = "the rover is in sight"
     elif rover.std_pos_m <= std_max_m:
         note = f"the rover is out of sight; by its odometry its position is known to {rover.std_pos_m:.1f} m"
     else:
-        return rover.reason or f"its position is known to {rover.std_pos_m:.0f} m"
+        return Refusal(rover.reason or f"its position is known to {rover.std_pos_m:.0f} m")
     return Place("rover", rover.pos_rover_ned_m, note, (north_mps, east_mps, 0.0))
 
 
 def ground_places(
     pos_uav_ned_m: Vec3, takeoff_ned_m: Vec3 | None, rally_points_ned_m: Sequence[tuple[float, float]]
-) -> list[Place | str]:
+) -> list[Place | Refusal]:
     """Places on the ground but for the one below the vehicle, best first; in place of one that is missing, why it is.
 
     Args:
@@ -188,7 +188,7 @@ class Decision:
         self._settings, self._config = settings, config
         self._charge = Charge(goal, config, t_ns, state)
 
-    def best(self, t_ns: int, state: VehicleState, places: Sequence[Place | str], present: Way | None) -> Way:
+    def best(self, t_ns: int, state: VehicleState, places: Sequence[Place | Refusal], present: Way | None) -> Way:
         """The way to the best place that leaves the reserve; its reason says why better ones are left out.
 
         Args:
@@ -199,15 +199,15 @@ class Decision:
         left_out: list[str] = []
         short: list[Way] = []
         for place in (*places, here(state.pos_uav_ned_m)):  # landing below the vehicle is possible at any time
-            way = place if isinstance(place, str) else self._way(place, state)
-            if isinstance(way, str):
-                left_out.append(way)
+            way = place if isinstance(place, Refusal) else self._way(place, state)
+            if isinstance(way, Refusal):
+                left_out.append(way.reason)
                 continue
             is_present = present is not None and way.place.is_same(present.place)
             margin = SWITCH_MARGIN if present is not None and not is_present else 1.0
             keeps = left is None or left - margin * self._charge.needed(way.cost) >= reserve - RESOLUTION * is_present
             if keeps:
-                return _with_reason(way, left_out)
+                return _with_left_out(way, left_out)
             short.append(way)
             rest = max((left or 0.0) - self._charge.needed(way.cost), 0.0)
             if way.place.kind != "here":
@@ -217,7 +217,7 @@ class Decision:
                 )
         here_needs = self._charge.needed(short[-1].cost)
         best = next(way for way in short if self._charge.needed(way.cost) <= here_needs + SLACK)
-        return _with_reason(best, [text for text in left_out if not text.startswith(f"the {best.place.words} is ")])
+        return _with_left_out(best, [text for text in left_out if not text.startswith(f"the {best.place.words} is ")])
 
     def leaves_reserve(self, t_ns: int, state: VehicleState, way: Way, waiting_s: float) -> bool:
         """Whether a way would still leave the reserve after some more seconds of hovering."""
@@ -251,7 +251,7 @@ class Decision:
             landing = plain_descent_remaining(height_m, land.plain)
         return flight_cost(landing.time_s, place.vel_ned_mps, state.wind_ned_mps or STILL, self._config.vehicle)
 
-    def _way(self, place: Place, state: VehicleState) -> Way | str:
+    def _way(self, place: Place, state: VehicleState) -> Way | Refusal:
         """The way to a place, or the reason why it is left out."""
         left_out = f"the {place.words} is left out: "
         end_ned_m, legs = place.pos_ned_m, FlightCost(0.0, 0.0)
@@ -260,10 +260,11 @@ class Decision:
             now = self._legs_cost(state, corners_ned_m)
             if now is None:
                 wind_mps = horizontal(state.wind_ned_mps or STILL)
-                return f"{left_out}the wind of {wind_mps:.0f} m/s does not let the vehicle come there"
+                return Refusal(f"{left_out}the wind of {wind_mps:.0f} m/s does not let the vehicle come there")
             legs = now
             if legs.time_s > MEETING_MAX_S and horizontal(place.vel_ned_mps) > 0.0:
-                return f"{left_out}it drives at {horizontal(place.vel_ned_mps):.1f} m/s, too fast to be caught up with"
+                speed_mps = horizontal(place.vel_ned_mps)
+                return Refusal(f"{left_out}it drives at {speed_mps:.1f} m/s, too fast to be caught up with")
             then_ned_m = add(place.pos_ned_m, scale(place.vel_ned_mps, legs.time_s))
             moved_m = subtract(then_ned_m, end_ned_m)
             if norm(moved_m) < MEETING_M:
@@ -272,12 +273,12 @@ class Decision:
             end_ned_m = add(end_ned_m, scale(moved_m, 0.5))
         limit_m = self._config.vehicle.limits.distance_max_m
         if horizontal(end_ned_m) > limit_m and place.kind == "rover":
-            return f"{left_out}it drives beyond the limit of {limit_m:g} m"
+            return Refusal(f"{left_out}it drives beyond the limit of {limit_m:g} m")
         if state.fence is not None and place.kind != "here":
             way_ned_m = [state.pos_uav_ned_m, *corners_ned_m, end_ned_m]
             shifted_ned_m = [add(point_ned_m, state.shift_ned_m) for point_ned_m in way_ned_m]
             if refusal := way_refusal(state.fence, shifted_ned_m, from_ground=False, to_ground=True):
-                return left_out + refusal
+                return Refusal(left_out + refusal)
         cost = legs.plus(self._landing_cost(state, place, corners_ned_m))
         return Way(place, end_ned_m, corners_ned_m, cost)
 
@@ -299,7 +300,7 @@ class Decision:
         return tuple(end for start, end in zip(before, corners, strict=False) if _far(start, end) > reached_m)
 
 
-def _with_reason(way: Way, left_out: Sequence[str]) -> Way:
+def _with_left_out(way: Way, left_out: Sequence[str]) -> Way:
     """A way with the reasons why better ones are left out; several rally points count as one."""
     rally = [text for text in left_out if text.startswith("the rally point is left out")]
     texts = [*(text for text in left_out if text not in rally), *rally[:1]]

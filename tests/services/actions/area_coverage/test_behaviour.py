@@ -239,7 +239,7 @@ def test_the_direction_and_the_images_of_an_area_under_way_change_with_the_area_
     assert isinstance(running, AreaCoverage)
     for fields in ({"angle_rad": 1.0}, {"picture_distance_m": 0.25}):
         refusal = running.changed(replace(GOAL, **fields))
-        assert isinstance(refusal, str) and "keep their direction and distance" in refusal
+        assert isinstance(refusal, Refusal) and "keep their direction and distance" in refusal.reason
         elsewhere = running.changed(replace(GOAL, polygon_ned_m=SQUARE[:3], **fields))
         assert isinstance(elsewhere, AreaCoverageGoal)
     assert isinstance(running.changed(replace(GOAL, speed_mps=0.5)), AreaCoverageGoal)
