@@ -591,8 +591,8 @@ def orthophoto(file: Path, middle: tuple[float, float], side_m: float, resolutio
     if side_m / resolution > 20_000:
         raise click.UsageError(f"{side_m:g} m at {resolution:g} m per pixel are more than 20,000 pixels across")
     try:
-        place, vehicle = load_config(SimulatorConfig, "simulator"), load_config(VehicleConfig, "vehicle")
-        picture = make_orthophoto(place, vehicle, middle, side_m, resolution)
+        simulator, vehicle = load_config(SimulatorConfig, "simulator"), load_config(VehicleConfig, "vehicle")
+        picture = make_orthophoto(simulator.terrain, vehicle, middle, side_m, resolution)
     except NoEglError as error:
         raise click.ClickException(f"{error}: install libegl1, libgl1 and libgl1-mesa-dri") from None
     height_px, width_px, _ = picture.shape

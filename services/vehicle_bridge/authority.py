@@ -109,7 +109,7 @@ class Authority:
         self._external_holder: InCharge = "failsafe"
         self._takeover = TakeoverDetector()
         self._unarmable_mode = UnarmableModeDetector()
-        self._monitor = FlightMonitor(config)
+        self._monitor = FlightMonitor(config.router_timeout_s)
         self._abort_maneuver = AbortManeuver()
         self._code_since_ns = 0
         self._engagement = EngagementTimer()

@@ -5,7 +5,6 @@ from math import degrees
 from jezero.base.frames import horizontal, norm, subtract
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.services.vehicle_bridge.admission import force_disarm_refusal
-from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.vehicle import LINK_TIMEOUT_S, OFFBOARD, AutopilotCommand, Target, VehicleSnapshot
 
 STREAM_LEAD_S = 0.2
@@ -53,10 +52,13 @@ class FlightMonitor:
     """Detects what ends a flight: tilt, a wedge, and the loss of telemetry or of the bus's router.
 
     Each method but `update` returns a reason, or "".
+
+    Args:
+        router_timeout_s: the vehicle lands when the router has been missing for longer.
     """
 
-    def __init__(self, config: VehicleBridgeConfig) -> None:
-        self._config = config
+    def __init__(self, router_timeout_s: float) -> None:
+        self._router_timeout_s = router_timeout_s
         self._upright_ns = self._free_ns = 0
 
     def update(self, vehicle: VehicleSnapshot, target: Target | None, *, flying: bool) -> None:
@@ -99,7 +101,7 @@ class FlightMonitor:
     def router_reason(self, vehicle: VehicleSnapshot) -> str:
         """Reason to land."""
         lost_s = vehicle.router_lost_s
-        if lost_s < self._config.router_timeout_s or not vehicle.armed or vehicle.landed:
+        if lost_s < self._router_timeout_s or not vehicle.armed or vehicle.landed:
             return ""
         return f"landing: the bus's router has been missing for {lost_s:.0f} s"
 

@@ -24,7 +24,7 @@ from jezero.schemas.state import Odometry, Status, StatusCode
 from jezero.schemas.topics import ACTIONS
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.motion.behaviour import Plan
-from jezero.services.actions.table import DECLARATIONS
+from jezero.services.actions.table import PLANNERS
 
 ROOT = Path(__file__).parents[2]
 
@@ -218,8 +218,7 @@ def test_a_selector_on_the_page_is_decoded_and_planned(name: str, parameters: st
     goal = decode_request(action.goal_type, b"", words, needs_field=action.endpoint.needs_field)
     expected = EXAMPLES[name].goal if "_time" not in words else goal
     assert goal == expected
-    config, declaration = ActionsConfig(), DECLARATIONS[name]
-    planner = declaration.planner(getattr(config, name), config)
+    planner = PLANNERS[name](ActionsConfig())
     code = StatusCode.IDLE if name == "takeoff" else StatusCode.HOVER
     assert isinstance(planner.plan(goal, hovering(code)), Plan)
 

@@ -10,11 +10,11 @@ from math import hypot, sqrt
 
 from jezero.base.fence import HOLD_OFF_M, way_refusal
 from jezero.base.frames import Vec3, add, altitude_m, distance, horizontal, norm, scale, subtract, z_ned_m
-from jezero.base.vehicle_config import FlightCost, VehicleConfig, VehicleLimitsConfig, flight_cost
+from jezero.base.vehicle_config import BatteryConfig, FlightCost, VehicleConfig, VehicleLimitsConfig, flight_cost
 from jezero.schemas.estimate import RoverEstimate
 from jezero.schemas.goals import HomePlace, ReturnHomeGoal
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.config import ActionsConfig, ReturnHomeConfig
+from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.land_on_spot.plain_landing import plain_descent_remaining
 from jezero.services.actions.land_on_spot.rover_landing import rover_landing_remaining
 from jezero.services.actions.motion.behaviour import Refusal, VehicleState
@@ -143,8 +143,8 @@ class Charge:
         goal: has the charge and its use as its sender knows them, for a gauge that is wrong.
     """
 
-    def __init__(self, goal: ReturnHomeGoal, config: ActionsConfig, t_ns: int, state: VehicleState) -> None:
-        self._battery = config.vehicle.battery
+    def __init__(self, goal: ReturnHomeGoal, battery: BatteryConfig, t_ns: int, state: VehicleState) -> None:
+        self._battery = battery
         self._start_ns = t_ns
         reported = None if state.battery is None else state.battery.remaining
         self._start = reported if goal.charge is None else min(goal.charge, 1.0 if reported is None else reported)
@@ -176,17 +176,15 @@ class Decision:
 
     Args:
         goal: of the return.
-        settings: of the action.
-        config: of all actions.
+        config: settings of all actions.
     """
 
-    def __init__(
-        self, goal: ReturnHomeGoal, settings: ReturnHomeConfig, config: ActionsConfig, t_ns: int, state: VehicleState
-    ) -> None:
+    def __init__(self, goal: ReturnHomeGoal, config: ActionsConfig, t_ns: int, state: VehicleState) -> None:
+        settings = config.return_home
         self.speed_mps = goal.speed_mps or settings.speed_mps
         self._safe_height_m = settings.safe_height_m if goal.safe_height_m is None else goal.safe_height_m
-        self._settings, self._config = settings, config
-        self._charge = Charge(goal, config, t_ns, state)
+        self._config = config
+        self._charge = Charge(goal, config.vehicle.battery, t_ns, state)
 
     def best(self, t_ns: int, state: VehicleState, places: Sequence[Place | Refusal], present: Way | None) -> Way:
         """The way to the best place that leaves the reserve; its reason says why better ones are left out.
@@ -290,8 +288,8 @@ class Decision:
         if state.fence is not None and state.fence.ceiling_m is not None:
             z_ceiling_ned_m = z_ned_m(state.fence.ceiling_m - HOLD_OFF_M) - state.shift_ned_m[2]
             z_top_ned_m = max(z_top_ned_m, min(z_ceiling_ned_m, z_place_ned_m))
-        z_arrival_ned_m = max(z_place_ned_m + z_ned_m(self._settings.height_arrival_m), z_top_ned_m)
-        if hypot(north_m - x, east_m - y) < self._settings.near_m:
+        z_arrival_ned_m = max(z_place_ned_m + z_ned_m(self._config.return_home.height_arrival_m), z_top_ned_m)
+        if hypot(north_m - x, east_m - y) < self._config.return_home.near_m:
             return ((north_m, east_m, z_arrival_ned_m),) if z < z_arrival_ned_m else ()
         z_way_ned_m = max(min(z, z_arrival_ned_m, z_ned_m(self._safe_height_m)), z_top_ned_m)
         corners = [(x, y, z_way_ned_m), (north_m, east_m, z_way_ned_m), (north_m, east_m, z_arrival_ned_m)]

@@ -6,7 +6,6 @@ import pytest
 
 from jezero.base.frames import quat_from_euler
 from jezero.schemas.units import NS_PER_S
-from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.flight_monitor import FlightMonitor
 from jezero.services.vehicle_bridge.vehicle import OFFBOARD, Target, VehicleSnapshot
 
@@ -38,7 +37,7 @@ def at(
 
 def reason_after(seconds: float, target: Target | None = CLIMB, *, flying: bool = True, **vehicle: Any) -> str:
     """Reason to cut the motors of a vehicle that has been in the same state for this time."""
-    monitor = FlightMonitor(VehicleBridgeConfig())
+    monitor = FlightMonitor(router_timeout_s=10.0)
     monitor.update(at(0.0), None, flying=False)
     for tenth in range(1, round(10 * seconds) + 1):
         monitor.update(at(tenth / 10, **vehicle), target, flying=flying)

@@ -13,9 +13,9 @@ from jezero.schemas.actions import Accepted, Cancel, Feedback, Rejected, Result
 from jezero.schemas.estimate import Relative
 from jezero.schemas.goals import AreaCoverageGoal, CoverageResult
 from jezero.schemas.state import StatusCode
+from jezero.schemas.topics import AREA_COVERAGE
 from jezero.services.actions.area_coverage.behaviour import AreaCoverage
 from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
-from jezero.services.actions.area_coverage.planner import ACTION as AREA_COVERAGE
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.motion.behaviour import Behaviour, Done, Preparation, Refusal, VehicleState
 from jezero.services.actions.table import action_server

@@ -7,7 +7,7 @@ from jezero.base.frames import Vec3
 from jezero.schemas.fence import Fence, Zone
 from jezero.schemas.goals import ReturnHomeGoal
 from jezero.schemas.state import Battery
-from jezero.services.actions.config import ActionsConfig, ReturnHomeConfig
+from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.land_on_spot.rover_landing import rover_landing_remaining
 from jezero.services.actions.motion.behaviour import Refusal, VehicleState
 from jezero.services.actions.return_home.decision import Decision, Place, Way
@@ -33,7 +33,7 @@ def decide(
     present: Way | None = None,
     t_ns: int = 0,
 ) -> Way:
-    decision = Decision(goal or ReturnHomeGoal(), ReturnHomeConfig(), ActionsConfig(), 0, now)
+    decision = Decision(goal or ReturnHomeGoal(), ActionsConfig(), 0, now)
     return decision.best(t_ns, now, places or (ROVER, TAKEOFF), present)
 
 
