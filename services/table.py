@@ -155,14 +155,10 @@ SERVICES: tuple[ServiceRow, ...] = (
 
 
 def services() -> dict[str, ServiceRow]:
-    """Every service by name, in the table's order, with a server for each action of `action_names`.
-
-    An action of a package that has the name of a service gets none.
-    """
-    own = {row.name for row in SERVICES}
+    """Every service by name, in the table's order, with a server for each action of `action_names`."""
     rows: dict[str, ServiceRow] = {}
     for row in SERVICES:
-        names = [name for name in action_names() if name not in own] if row.is_action else [row.name]
+        names = action_names() if row.is_action else (row.name,)
         rows |= {name: replace(row, name=name) for name in names}
     return rows
 

@@ -346,10 +346,10 @@ def action() -> None:
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per line.")
 def list_actions(as_json: bool) -> None:
     """Show every action with the fields of its goal; a field without a default must be given."""
-    from jezero.base.plugins import PluginError, action_names, find_action
+    from jezero.base.plugins import PluginError, action_names, find_action, refused_plugins
     from jezero.schemas.topics import ACTIONS
 
-    for name in action_names():
+    for name in dict.fromkeys((*action_names(), *refused_plugins())):
         try:
             found = find_action(name)
         except PluginError as error:
@@ -366,7 +366,7 @@ def list_actions(as_json: bool) -> None:
 
 @action.command(context_settings=NUMBERS)
 @click.argument("name", shell_complete=completion.actions)
-@click.argument("fields", nargs=-1, metavar="[KEY=VALUE]...")
+@click.argument("fields", nargs=-1, metavar="[KEY=VALUE]...", shell_complete=completion.goal_fields)
 @flight_options
 def send(name: str, fields: tuple[str, ...], yes: bool, vehicle: str, router: str, as_json: bool) -> None:
     """Send a goal to the action NAME and follow it to its end.

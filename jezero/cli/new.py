@@ -31,12 +31,8 @@ def action(name: str, into: Path) -> None:
 
     NAME is lower-case letters, digits and underscores, such as `survey_spiral`.
     """
-    from jezero.services.table import SERVICES
-
     if refusal := name_refusal(name):
         raise click.UsageError(refusal)
-    if name in {row.name for row in SERVICES}:
-        raise click.UsageError(f"{name!r} is the name of a service: choose another name for the action")
     folder = into / name
     if folder.exists():
         raise click.UsageError(f"{folder} is there already: choose another name, or another folder with --into")
