@@ -15,8 +15,8 @@ from jezero.base.plugins import action_names
 from jezero.runtime.service import Service
 
 Profile = Literal["sim", "estimation", "control", "ground", "onboard", "rover"]
-"""Part of the stack that `jezero up --profile` starts: of the first four on one computer; of three computers the
-vehicle's has `onboard`, the rover's `rover`, and that of the people `ground`."""
+"""Part of the stack that `jezero up --profile` starts. A stack on one computer has the first four. Of a stack on three
+computers, the vehicle's has `onboard`, the rover's `rover`, and the people's `ground`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,7 +130,7 @@ SERVICES: tuple[ServiceRow, ...] = (
     ),
     ServiceRow(
         name="mission",
-        about="When the vehicle flies home by itself.",
+        about="The mission service: when the vehicle flies home by itself.",
         maker="jezero.services.mission.service:MissionService",
         settings="jezero.services.mission.config:MissionConfig",
         profiles=("control", "onboard"),
