@@ -19,6 +19,7 @@ S = 1_000_000_000
 DT_NS = 20_000_000
 STILL: Vec3 = (0.0, 0.0, 0.0)
 SETTINGS = LandOnSpotConfig(plain=PlainLandingConfig(approach_height_min_m=1.5))
+CONFIG = ActionsConfig(land_on_spot=SETTINGS)
 
 
 def at(pos_ned_m: Vec3, height_m: float | None, vel_ned_mps: Vec3 = STILL) -> VehicleState:
@@ -26,7 +27,7 @@ def at(pos_ned_m: Vec3, height_m: float | None, vel_ned_mps: Vec3 = STILL) -> Ve
 
 
 def landing(spot_ned_m: Vec3, state: VehicleState) -> PlainLanding:
-    return PlainLanding(spot_ned_m, SETTINGS, ActionsConfig(), force=False, t_ns=0, state=state)
+    return PlainLanding(spot_ned_m, CONFIG, force=False, t_ns=0, state=state)
 
 
 @pytest.mark.parametrize(

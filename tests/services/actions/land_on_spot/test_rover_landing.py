@@ -7,8 +7,8 @@ import pytest
 
 from jezero.base.frames import add, altitude_m, subtract
 from jezero.schemas.goals import LandOnSpotGoal
+from jezero.schemas.topics import LAND_ON_SPOT
 from jezero.services.actions.land_on_spot.contact import FORCE_S
-from jezero.services.actions.land_on_spot.planner import ACTION as LAND_ON_SPOT
 from jezero.services.actions.land_on_spot.platform import (
     AT_ONCE_BELOW_M,
     COMMIT_M,
