@@ -127,7 +127,7 @@ def _with_width(picture: Picture, width_px: int) -> Picture:
 def camera() -> Picture:
     """The rover from the side, and from above as a landing vehicle sees it."""
     simulator, vehicle = load_config(SimulatorConfig, "simulator"), load_config(VehicleConfig, "vehicle")
-    renderer = make_renderer(load_config(CameraConfig, "camera"), simulator, vehicle, 0)
+    renderer = make_renderer(load_config(CameraConfig, "camera"), simulator.terrain, vehicle, 0)
     pictures = []
     for behind_m, above_m, pitch_rad in ((3.2, 1.0, radians(-20.0)), (0.05, 1.7, -0.5 * pi)):
         scene = Scene(

@@ -15,8 +15,8 @@ from jezero.base.plugins import action_names
 from jezero.runtime.service import Service
 
 Profile = Literal["sim", "estimation", "control", "ground", "onboard", "rover"]
-"""Part of the stack that `jezero up --profile` starts: of the first four on one computer; of three computers the
-vehicle's has `onboard`, the rover's `rover`, and that of the people `ground`."""
+"""Part of the stack that `jezero up --profile` starts. A stack on one computer has the first four. Of a stack on three
+computers, the vehicle's has `onboard`, the rover's `rover`, and the people's `ground`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,7 +130,7 @@ SERVICES: tuple[ServiceRow, ...] = (
     ),
     ServiceRow(
         name="mission",
-        about="When the vehicle flies home by itself.",
+        about="The mission service: when the vehicle flies home by itself.",
         maker="jezero.services.mission.service:MissionService",
         settings="jezero.services.mission.config:MissionConfig",
         profiles=("control", "onboard"),
@@ -155,14 +155,10 @@ SERVICES: tuple[ServiceRow, ...] = (
 
 
 def services() -> dict[str, ServiceRow]:
-    """Every service by name, in the table's order, with a server for each action of `action_names`.
-
-    An action of a package that has the name of a service gets none.
-    """
-    own = {row.name for row in SERVICES}
+    """Every service by name, in the table's order, with a server for each action of `action_names`."""
     rows: dict[str, ServiceRow] = {}
     for row in SERVICES:
-        names = [name for name in action_names() if name not in own] if row.is_action else [row.name]
+        names = action_names() if row.is_action else (row.name,)
         rows |= {name: replace(row, name=name) for name in names}
     return rows
 

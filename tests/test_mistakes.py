@@ -20,7 +20,7 @@ from jezero.schemas.goals import GoToGoal
 from jezero.schemas.topics import ACTIONS, GO_TO
 from jezero.services.ground_station.goal_form import form_of, goal_from
 from jezero.services.mission.service import MissionService
-from jezero.services.vehicle_bridge.requests import unknown_action_refusal
+from jezero.services.vehicle_bridge.requests import unknown_action_reply
 
 Fields = dict[str, Any]
 TARGET: Fields = {"target_ned_m": [0.0, 0.0, -3.0]}
@@ -52,7 +52,7 @@ def by_the_client(action: str, fields: Fields, folder: Path) -> str:
 
 def as_a_payload(action: str, fields: Fields, folder: Path) -> str:
     """By plain Zenoh: what the action's server refuses, or the bridge for an action that doesn't exist."""
-    refusal = unknown_action_refusal(f"@action/{action}", tuple(ACTIONS))
+    refusal = unknown_action_reply(f"@action/{action}", tuple(ACTIONS))
     if refusal is not None:
         return str(cast(Any, refusal).reason)
     with pytest.raises(BadPayloadError) as error:
@@ -82,7 +82,7 @@ def in_a_mission_of_a_program(action: str, fields: Fields, folder: Path) -> str:
     from jezero.schemas.mission import GoalStep, Mission
 
     mission = Mission(name="a", steps=(GoalStep(label="fly", action=action, goal=fields),))
-    return MissionService(boot_id=1, actions=ACTIONS)._problem(mission)
+    return MissionService(boot_id=1, actions=ACTIONS)._goals_refusal(mission)
 
 
 DOORS = [on_the_command_line, by_the_client, as_a_payload, as_parameters, in_a_mission_file, in_a_mission_of_a_program]

@@ -246,7 +246,7 @@ def main() -> int:
     arguments = parser.parse_args()
     config = msgspec.structs.replace(load_config(CameraConfig, "camera"), renderer=arguments.renderer)
     vehicle = load_config(VehicleConfig, "vehicle")
-    renderer = make_renderer(config, load_config(SimulatorConfig, "simulator"), vehicle, arguments.seed)
+    renderer = make_renderer(config, load_config(SimulatorConfig, "simulator").terrain, vehicle, arguments.seed)
     finder = Finder(load_config(TagDetectorConfig, "tag_detector"))
     rng = np.random.default_rng(arguments.seed)
     seen = [

@@ -155,7 +155,7 @@ def measure(seed: int, folder: Path, simulator: SimulatorConfig) -> tuple[Map, C
         mosaic.east_m + 0.5 * M_PER_PX * (left + right - 1),
     )
     side_m = (max(part.shape[:2]) + 2 * MARGIN_PX) * M_PER_PX
-    reference = make_orthophoto(simulator, load_config(VehicleConfig, "vehicle"), middle_m, side_m, M_PER_PX)
+    reference = make_orthophoto(simulator.terrain, load_config(VehicleConfig, "vehicle"), middle_m, side_m, M_PER_PX)
     cv2.imwrite(str(folder / "reference.png"), reference[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX, ::-1])
     return made, compare(part, reference)
 

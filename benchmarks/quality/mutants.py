@@ -1,7 +1,9 @@
 """Random changes of one line of the safety code, and the share of them that a unit test notices.
 
 `python -m benchmarks.quality.mutants [--sample N] [--seed N] [--jobs N]` prints each change that no test notices, and
-exits with 1 when the tests notice less than 85 %. The tests run in copies of the tree, never in the tree itself.
+exits with 1 when the tests notice less than 85 %. With `--scenarios`, flights in virtual time then try the changes that
+the unit tests have not noticed; both together must notice 95 %. The tests run in copies of the tree, never in the tree
+itself.
 
 mutmut and cosmic-ray were left out: mutmut knows a module by the path of its file, which `jezero/services`, a link to
 `services`, breaks; cosmic-ray has one command of tests for all changes, so that ten packages would be ten sessions.
@@ -27,7 +29,9 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).parents[2]
 KILLED_MIN = 0.85
+KILLED_WITH_SCENARIOS_MIN = 0.95
 TIMEOUT_S = 60  # a longer test counts as failed: the change may have made an endless loop
+SCENARIOS_TIMEOUT_S = 300  # scenarios that have not failed until then have noticed nothing
 SERVICES = ("vehicle_bridge", "estimator", "actions/lifecycle", "actions/land_on_spot", "mission", "preflight")
 TESTS = {f"services/{name}": f"tests/services/{name}" for name in SERVICES} | {
     "services/autopilot/failsafes.py": "tests/services/autopilot",
@@ -36,6 +40,19 @@ TESTS = {f"services/{name}": f"tests/services/{name}" for name in SERVICES} | {
     "jezero/keys/rights.py": "tests/keys/test_rights.py",
 }
 """The safety code, and the unit tests that must notice a change of it."""
+SCENARIOS = {
+    "services/vehicle_bridge": ("mission", "foreign", "fence", "bridge_restarts", "failsafes", "modifications"),
+    "services/estimator": ("landing", "tilted_platform", "landing_with_wrong_sensors", "rover_frame", "wedge"),
+    "services/actions/lifecycle": ("mission", "modifications", "mission_commands", "rover_frame", "pauses", "edges"),
+    "services/actions/land_on_spot": ("landing", "contact", "tilted_platform", "landing_in_wind", "edges"),
+    "services/mission": ("mission_commands", "missions", "coming_home"),
+    "services/preflight": ("preflight", "missions", "coming_home"),
+    "services/autopilot/failsafes.py": ("failsafes", "autopilot_modes", "autopilot_landing"),
+    "jezero/base/frames.py": ("mission", "landing", "area_coverage"),
+    "jezero/base/fence.py": ("fence", "modifications", "missions"),
+    "jezero/keys/rights.py": (),  # in virtual time there is no router
+}
+"""The scenario tests that fly the same code, quick ones first: parts of the names of files in `tests/scenario`."""
 OPPOSITES = {
     "<": ">=", "<=": ">", ">": "<=", ">=": "<", "==": "!=", "!=": "==", "is": "is not", "is not": "is",
     "in": "not in", "not in": "in", "and": "or", "or": "and", "+": "-", "-": "+", "min": "max", "max": "min",
@@ -45,10 +62,14 @@ OPERATOR = re.compile(r"<=|>=|==|!=|[<>+-]|\b(?:is not|is|not in|in|and|or)\b")
 
 
 class Mutant(NamedTuple):
-    """One change of one line: the bytes from `begin` to `end` of the file at `path` become `text`."""
+    """One change of one line: the bytes from `begin` to `end` of the file at `path` become `text`.
+
+    Attributes:
+        tests: paths of the tests that try it.
+    """
 
     path: str
-    tests: str
+    tests: tuple[str, ...]
     begin: int
     end: int
     text: str
@@ -112,7 +133,13 @@ class Changes:
 
 def mutants_of(path: str, tests: str, source: bytes) -> list[Mutant]:
     """All mutants of one file, in the order of their places."""
-    return [Mutant(path, tests, *change) for change in sorted(set(Changes(source).found))]
+    return [Mutant(path, (tests,), *change) for change in sorted(set(Changes(source).found))]
+
+
+def with_scenarios(mutant: Mutant) -> Mutant:
+    """The same mutant, for the scenario tests that fly the changed package."""
+    place = next(place for place in TESTS if mutant.path.startswith(place))
+    return mutant._replace(tests=tuple(f"tests/scenario/test_{name}.py" for name in SCENARIOS[place]))
 
 
 def all_mutants(root: Path) -> list[Mutant]:
@@ -135,23 +162,33 @@ def copy_tree(root: Path, to: Path) -> Path:
     return to
 
 
-def passes(tree: Path, tests: str) -> bool:
-    """Whether the tests pass in a tree; their random inputs are the same each time."""
+def passes(tree: Path, tests: Sequence[str], selection: str, timeout_s: float | None) -> bool:
+    """Whether the tests pass in a tree; their random inputs are the same each time.
+
+    Args:
+        selection: of tests, by their markers.
+        timeout_s: tests that have not failed until then pass.
+    """
     options = f"-q -x -p no:cacheprovider --hypothesis-seed=0 --timeout={TIMEOUT_S}".split()
-    command = [sys.executable, "-B", "-m", "pytest", *options, "-m", "not long and not slow", tests]
+    command = [sys.executable, "-B", "-m", "pytest", *options, "-m", selection, *tests]
     environment = os.environ | {"PYTHONPATH": str(tree)}
-    done = subprocess.run(command, cwd=tree, env=environment, capture_output=True, text=True, check=False)
+    try:
+        done = subprocess.run(
+            command, cwd=tree, env=environment, capture_output=True, text=True, timeout=timeout_s, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return True
     if done.returncode not in (0, 1, 2):  # 2: the tests can't be imported
         raise SystemExit(f"{' '.join(command)} has ended with {done.returncode}:\n{done.stdout}{done.stderr}")
     return done.returncode == 0
 
 
-def survives(tree: Path, root: Path, mutant: Mutant) -> bool:
+def survives(tree: Path, root: Path, mutant: Mutant, try_tests: Callable[[Path, Sequence[str]], bool]) -> bool:
     """Whether no test notices a mutant, which is printed; the tree is as before afterwards."""
     source = (root / mutant.path).read_bytes()
     mutated = mutant.apply(source)
     (tree / mutant.path).write_bytes(mutated)
-    survived = passes(tree, mutant.tests)
+    survived = try_tests(tree, mutant.tests)
     (tree / mutant.path).write_bytes(source)
     diff = list(unified_diff(source.decode().splitlines(), mutated.decode().splitlines(), n=0, lineterm=""))[3:]
     place = f"{mutant.path}:{source[: mutant.begin].count(bytes([10])) + 1}"
@@ -159,8 +196,15 @@ def survives(tree: Path, root: Path, mutant: Mutant) -> bool:
     return survived
 
 
-def count_survivors(root: Path, sample: Sequence[Mutant], jobs: int) -> int:
-    """Number of the mutants that no test notices; raises SystemExit when tests fail without a change."""
+def find_survivors(
+    root: Path,
+    sample: Sequence[Mutant],
+    jobs: int,
+    selection: str = "not long and not slow",
+    timeout_s: float | None = None,
+) -> list[Mutant]:
+    """The mutants that no test notices; raises SystemExit when tests fail without a change. See `passes`."""
+    try_tests = partial(passes, selection=selection, timeout_s=timeout_s)
     with tempfile.TemporaryDirectory(prefix="jezero-mutants-") as folder, ThreadPoolExecutor(jobs) as pool:
         trees: SimpleQueue[Path] = SimpleQueue()
         for number in range(jobs):
@@ -173,11 +217,19 @@ def count_survivors(root: Path, sample: Sequence[Mutant], jobs: int) -> int:
             finally:
                 trees.put(tree)
 
-        folders = sorted({mutant.tests for mutant in sample})
-        unchanged = pool.map(in_a_tree, [partial(passes, tests=tests) for tests in folders])
-        if failed := [tests for tests, passed in zip(folders, unchanged, strict=True) if not passed]:
+        groups = sorted({mutant.tests for mutant in sample})
+        unchanged = pool.map(in_a_tree, [partial(try_tests, tests=tests) for tests in groups])
+        if failed := [" ".join(tests) for tests, passed in zip(groups, unchanged, strict=True) if not passed]:
             raise SystemExit(f"{', '.join(failed)} fails without a change: mend that, or wait for a quiet machine")
-        return sum(pool.map(in_a_tree, [partial(survives, root=root, mutant=mutant) for mutant in sample]))
+        tries = [partial(survives, root=root, mutant=mutant, try_tests=try_tests) for mutant in sample]
+        return [mutant for mutant, survived in zip(sample, pool.map(in_a_tree, tries), strict=True) if survived]
+
+
+def report(survivors: Sequence[Mutant], sample: Sequence[Mutant], total: int, wanted: float, by: str) -> bool:
+    """Print the share that was noticed; returns whether it is as large as wanted."""
+    noticed = len(sample) - len(survivors)
+    print(f"{noticed} of {len(sample)} changes noticed by {by}, {noticed / len(sample):.1%}, drawn from {total}")
+    return noticed >= wanted * len(sample)
 
 
 def main() -> None:
@@ -185,15 +237,30 @@ def main() -> None:
     parser.add_argument("--sample", type=int, default=150, help="number of changes")
     parser.add_argument("--seed", type=int, default=1, help="of the sample")
     parser.add_argument("--jobs", type=int, default=2, help="number of changes that are tested at the same time")
+    parser.add_argument(
+        "--scenarios",
+        action="store_true",
+        help=f"fly the changes that no unit test notices too, for up to {SCENARIOS_TIMEOUT_S} s each",
+    )
     arguments = parser.parse_args()
     found = all_mutants(ROOT)
     if not 1 <= arguments.sample <= len(found) or arguments.jobs < 1:
         parser.error(f"--sample must be 1 to {len(found)}, and --jobs at least 1")
     sample = random.Random(arguments.seed).sample(found, arguments.sample)
-    noticed = len(sample) - count_survivors(ROOT, sample, arguments.jobs)
-    print(f"{noticed} of {len(sample)} changes noticed, {noticed / len(sample):.0%}, drawn from {len(found)}")
-    if noticed < KILLED_MIN * len(sample):
-        sys.exit(f"less than {KILLED_MIN:.0%}: write tests for the changes above that would hurt in flight")
+    survivors = find_survivors(ROOT, sample, arguments.jobs)
+    enough = report(survivors, sample, len(found), KILLED_MIN, "unit tests")
+    if arguments.scenarios:
+        flown = [with_scenarios(mutant) for mutant in survivors]
+        survivors = [mutant for mutant in flown if not mutant.tests]
+        survivors += find_survivors(
+            ROOT, [mutant for mutant in flown if mutant.tests], arguments.jobs, "not slow", SCENARIOS_TIMEOUT_S
+        )
+        enough &= report(survivors, sample, len(found), KILLED_WITH_SCENARIOS_MIN, "unit tests and scenarios")
+    if not enough:
+        sys.exit(
+            f"less than {KILLED_MIN:.0%} by unit tests, or than {KILLED_WITH_SCENARIOS_MIN:.0%} by scenarios too: "
+            "write tests for the changes above that would hurt in flight"
+        )
 
 
 if __name__ == "__main__":

@@ -91,8 +91,8 @@ def costs(kind: str) -> dict[str, Cost]:
     config = msgspec.structs.replace(load_config(CameraConfig, "camera"), renderer=renderers.get(kind, "tiny"))
     vehicle = load_config(VehicleConfig, "vehicle")
     board = BoardGeometry(vehicle.platform.board)
-    place = load_config(SimulatorConfig, "simulator")
-    renderer = None if kind == "projected" else make_renderer(config, place, vehicle, 0)
+    terrain = load_config(SimulatorConfig, "simulator").terrain
+    renderer = None if kind == "projected" else make_renderer(config, terrain, vehicle, 0)
     rng = np.random.default_rng(0)
     found = {}
     for name, above_m, pitch_rad, speed_mps in VIEWS:

@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager
 
 from jezero.aio.threads import Threads, in_thread
 from jezero.client import rover as client
-from jezero.client.rover import Leg, leg_problem
+from jezero.client.rover import Leg, leg_refusal
 
 
 class Rover:
@@ -40,8 +40,8 @@ class Rover:
     @asynccontextmanager
     async def driving(self, speed_mps: float, yaw_rate_rps: float = 0.0) -> AsyncIterator[None]:
         """Drive during an `async with` block; arguments and errors as of `jezero.client.rover.Rover.driving`."""
-        if problem := leg_problem(Leg(math.inf, speed_mps, yaw_rate_rps)):
-            raise ValueError(problem)
+        if refusal := leg_refusal(Leg(math.inf, speed_mps, yaw_rate_rps)):
+            raise ValueError(refusal)
         task = asyncio.create_task(self.drive(speed_mps, yaw_rate_rps))
         try:
             yield

@@ -6,7 +6,9 @@ from math import isfinite
 from typing import Any
 
 Corner = tuple[float, float]
+"""Latitude and longitude in degrees, or north and east in metres: see `FilePolygon.rings`."""
 Ring = tuple[Corner, ...]
+"""Corners of an outline or a hole, in their order; the last one doesn't repeat the first one."""
 
 
 class AreaFileError(ValueError):

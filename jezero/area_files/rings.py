@@ -6,12 +6,12 @@ from jezero.area_files.polygon import Corner, Ring
 
 
 def ring_area(ring: Ring) -> float:
-    """Size of the area inside an outline."""
+    """Size of the area inside an outline, in degrees of latitude times degrees of longitude."""
     return 0.5 * abs(sum(a[0] * b[1] - a[1] * b[0] for a, b in _edges(ring)))
 
 
 def beside(ring: Ring, longitude_deg: float) -> Ring:
-    """The ring with longitudes within half a turn of one: beyond 180° where it crosses that meridian."""
+    """The ring with longitudes within half a turn of a given one, so beyond 180° where it crosses that meridian."""
     return tuple((corner[0], corner[1] - 360.0 * round((corner[1] - longitude_deg) / 360.0)) for corner in ring)
 
 
@@ -60,7 +60,7 @@ def joined_at_180(areas: list[tuple[Ring, ...]]) -> list[tuple[Ring, ...]]:
 
 
 def _mostly_inside(ring: Ring, other: Ring) -> bool:
-    """Whether most corners are inside; one that touches the outline may count either way."""
+    """Whether most corners of a ring are inside another; a corner on its outline may count as inside or outside."""
     return 2 * sum(_inside(corner, other) for corner in ring) > len(ring)
 
 
@@ -81,5 +81,5 @@ def _cross(p: Corner, q: Corner, r: Corner, s: Corner) -> bool:
 
 
 def _side(a: Corner, b: Corner, c: Corner) -> float:
-    """Twice the area of a triangle, positive if it turns one way and negative for the other."""
+    """Twice the area of a triangle, positive if its corners follow each other clockwise, seen from above."""
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])

@@ -15,21 +15,34 @@ EXTRAS = {
     "pybullet": "sim", "moderngl": "sim",
 }  # fmt: skip
 """Extra of each optional package, by the name that is imported."""
+INCLUDED = {"cli", "foxglove", "gis", "report", "services"}
+"""The extras that the extra `sim` includes; all others but `dev` and `docs` include `cli`."""
 
 
 class MissingExtraError(ModuleNotFoundError):
     """An optional package is not installed; the message names the extra that installs it."""
 
 
-def extra_hint(module: str | None) -> str:
-    """How to install an optional package, as the end of a sentence; "" for a package of no extra.
+def pip_command(*extras: str) -> str:
+    """The command that installs extras, which may be several separated by commas."""
+    names = {name for extra in extras for name in extra.split(",") if name}
+    for name in tuple(names):
+        names -= INCLUDED if name == "sim" else {"cli"} if name != "cli" else set()
+    return f"pip install 'jezero[{','.join(sorted(names))}]'"
+
+
+def extra_hint(*modules: str | None, extras: str = "") -> str:
+    """How to install optional packages, as the end of a sentence; "" where none of them is in an extra.
 
     Args:
-        module: the name of a module that was not found, such as `PIL.Image`.
+        modules: names of modules that were not found, such as `PIL.Image`.
+        extras: extras, separated by commas, that are needed too.
     """
-    package = (module or "").partition(".")[0]
-    extra = EXTRAS.get(package)
-    return "" if extra is None else f"needs {package}, which is not installed: pip install 'jezero[{extra}]'"
+    packages = [package for module in modules if (package := (module or "").partition(".")[0]) in EXTRAS]
+    if not packages:
+        return ""
+    command = pip_command(*(EXTRAS[package] for package in packages), extras)
+    return f"needs {' and '.join(packages)}, which {'is' if len(packages) == 1 else 'are'} not installed: {command}"
 
 
 def require(purpose: str, *packages: str) -> None:
@@ -41,6 +54,6 @@ def require(purpose: str, *packages: str) -> None:
     Raises:
         MissingExtraError: one is not.
     """
-    for package in packages:
-        if find_spec(package) is None:
-            raise MissingExtraError(f"{purpose} {extra_hint(package)}", name=package)
+    missing = [package for package in packages if find_spec(package) is None]
+    if missing:
+        raise MissingExtraError(f"{purpose} {extra_hint(*missing)}", name=missing[0])

@@ -370,25 +370,34 @@ def _polygon(zone: Zone) -> Any:
     return shapely.Polygon([ned_from_geodetic((*corner, 0.0), first)[:2] for corner in zone.corners_deg])
 
 
-def joined(zones: Sequence[Zone]) -> Zone | str:
-    """Several areas to stay in as one, or why they are not one, for people."""
+class JoinError(ValueError):
+    """Several areas to stay in are not one; the text says why, for people."""
+
+
+def joined(zones: Sequence[Zone]) -> Zone:
+    """Several areas to stay in as one.
+
+    Raises:
+        JoinError: they are not one.
+    """
     if len(zones) == 1:
         return zones[0]
     import shapely
 
     in_degrees = {bool(zone.corners_deg) for zone in zones}
     if len(in_degrees) > 1:
-        return "some areas to stay in are in degrees and others in metres: write all in the same"
+        raise JoinError("some areas to stay in are in degrees and others in metres: write all in the same")
     for zone in zones:
         if reason := zone_refusal(zone):
-            return f"{zone.name!r}: {reason}"
+            raise JoinError(f"{zone.name!r}: {reason}")
     first_deg = zones[0].corners_deg[0][1] if True in in_degrees else 0.0
     areas = [shapely.Polygon(_turned(zone.corners_deg, first_deg) or zone.corners_ned_m) for zone in zones]
     shape = shapely.unary_union(areas)
     if not isinstance(shape, shapely.Polygon):
-        return f"the {len(zones)} areas to stay in don't touch: give one area, or let them overlap"
+        raise JoinError(f"the {len(zones)} areas to stay in don't touch: give one area, or let them overlap")
     if shape.interiors:
-        return "the areas to stay in surround a hole: join them to one, and write the hole as a zone to stay out of"
+        advice = "join them to one, and write the hole as a zone to stay out of"
+        raise JoinError(f"the areas to stay in surround a hole: {advice}")
     corners = tuple((float(a), float(b)) for a, b in shape.exterior.coords[:-1])
     name = " and ".join(zone.name for zone in zones)[:64]
     return (

@@ -22,8 +22,6 @@ Matrix3 = tuple[float, float, float, float, float, float, float, float, float]
 
 EARTH_RADIUS_M = 6_371_000.0
 """Radius of the local tangent projection; PX4 and jezero use the same sphere."""
-
-
 _SQRT_HALF = sqrt(0.5)
 
 
@@ -193,7 +191,7 @@ def tilt_from_quat(q_ned_from_frd: Quat) -> float:
 
 
 def q_ned_from_frd(q_enu_from_flu: Quat) -> Quat:
-    """Attitude on the MAVLink side from the physics engine's.
+    """Attitude in MAVLink's axes from that in the physics engine's.
 
     Source: R_ned_from_enu @ R_enu_from_flu @ R_flu_from_frd, thesis eq. 2.1; as quaternions
     (0, 1, 1, 0) / sqrt(2) * q * (0, 1, 0, 0).
@@ -204,7 +202,8 @@ def q_ned_from_frd(q_enu_from_flu: Quat) -> Quat:
 
 
 def q_enu_from_flu(attitude: Quat) -> Quat:
-    """Attitude on the physics engine's side: both changes of axes are half turns, so `q_ned_from_frd` undoes itself."""
+    """Attitude in the physics engine's axes from that in MAVLink's: both changes of axes are half turns, so
+    `q_ned_from_frd` is its own inverse."""
     return q_ned_from_frd(attitude)
 
 

@@ -21,6 +21,12 @@ from jezero.schemas.rows import Action
 from jezero.schemas.topics import ACTIONS
 
 GROUP = "jezero.actions"
+SERVICE_NAMES = (
+    "simulator", "camera", "autopilot", "rover", "vehicle_bridge", "tag_detector", "estimator", "preflight", "mission",
+    "recorder", "ground_station", "actions",
+)  # fmt: skip
+"""Names of services, which no action may have: the server of an action is a service with the action's name. They are
+those of `jezero/services/table.py`, which this module can't import."""
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,40}")
 
 
@@ -32,10 +38,15 @@ class PluginError(RuntimeError):
 def plugin_names() -> tuple[str, ...]:
     """Names of the actions that installed packages add, sorted; none of the packages is imported.
 
-    Names that jezero's own actions have, and names that are no identifiers in lower case, are left out:
-    `load_declaration` gives the reason.
+    Actions with a name that is refused are left out, see `refused_plugins`.
     """
-    return tuple(sorted({point.name for point in entry_points(group=GROUP) if not name_problem(point.name)}))
+    return tuple(sorted({point.name for point in entry_points(group=GROUP) if not name_refusal(point.name)}))
+
+
+def refused_plugins() -> dict[str, str]:
+    """The reason of each refusal of an installed package's action for its name, by that name."""
+    refusals = {point.name: name_refusal(point.name) for point in entry_points(group=GROUP)}
+    return {name: refusals[name] for name in sorted(refusals) if refusals[name]}
 
 
 @cache
@@ -45,8 +56,8 @@ def load_declaration(name: str) -> Any:
     Raises:
         PluginError: no installed package adds it, several do, its package can't be imported, or it is no declaration.
     """
-    if problem := name_problem(name):
-        raise PluginError(problem)
+    if refusal := name_refusal(name):
+        raise PluginError(refusal)
     point = _only(name, tuple(entry_points(group=GROUP, name=name)))
     try:
         declaration = point.load()
@@ -87,10 +98,12 @@ def action_names() -> tuple[str, ...]:
     return (*ACTIONS, *plugin_names())
 
 
-def name_problem(name: str) -> str:
+def name_refusal(name: str) -> str:
     """The reason why a package's action may not have this name, or ""."""
     if name in ACTIONS:
         return f"action {name!r} is one of jezero's own: a package must give its action another name"
+    if name in SERVICE_NAMES:
+        return f"action {name!r} has the name of a service: its package must give it another name"
     if not _NAME.fullmatch(name):
         return f"action {name!r}: use lower-case letters, digits and underscores"
     return ""

@@ -4,7 +4,22 @@ Each function returns the names that begin with what was typed. None of them nee
 """
 
 import click
-from click.shell_completion import CompletionItem
+from click.shell_completion import BashComplete, CompletionItem
+
+from jezero.base.mistakes import own_fields
+
+
+class BashWithoutSpace(BashComplete):
+    """Completion in bash, which writes no space after a `KEY=`: the value follows."""
+
+    source_template = BashComplete.source_template.replace(
+        "elif [[ $type == 'plain' ]]",
+        "elif [[ $type == 'value' ]]; then\n            COMPREPLY+=($value)\n            compopt -o nospace\n"
+        "        elif [[ $type == 'plain' ]]",
+    )
+
+    def format_completion(self, item: CompletionItem) -> str:
+        return f"value,{item.value}" if item.value.endswith("=") else super().format_completion(item)
 
 
 def actions(context: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
@@ -12,6 +27,19 @@ def actions(context: click.Context, param: click.Parameter, incomplete: str) -> 
     from jezero.base.plugins import action_names
 
     return [name for name in action_names() if name.startswith(incomplete)]
+
+
+def goal_fields(context: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """`KEY=` for each field of the goal of the action NAME that has not been typed yet."""
+    from jezero.base.plugins import PluginError, find_action
+
+    try:
+        found = find_action(context.params.get("name") or "")
+    except PluginError:
+        return []
+    typed = {word.partition("=")[0] for word in context.params.get("fields") or ()}
+    words = [f"{name}=" for name in (*own_fields(found.goal_type), "on_client_loss") if name not in typed]
+    return [CompletionItem(word) for word in words if word.startswith(incomplete)]
 
 
 def missions(context: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:

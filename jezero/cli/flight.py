@@ -346,10 +346,10 @@ def action() -> None:
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per line.")
 def list_actions(as_json: bool) -> None:
     """Show every action with the fields of its goal; a field without a default must be given."""
-    from jezero.base.plugins import PluginError, action_names, find_action
+    from jezero.base.plugins import PluginError, action_names, find_action, refused_plugins
     from jezero.schemas.topics import ACTIONS
 
-    for name in action_names():
+    for name in dict.fromkeys((*action_names(), *refused_plugins())):
         try:
             found = find_action(name)
         except PluginError as error:
@@ -366,7 +366,7 @@ def list_actions(as_json: bool) -> None:
 
 @action.command(context_settings=NUMBERS)
 @click.argument("name", shell_complete=completion.actions)
-@click.argument("fields", nargs=-1, metavar="[KEY=VALUE]...")
+@click.argument("fields", nargs=-1, metavar="[KEY=VALUE]...", shell_complete=completion.goal_fields)
 @flight_options
 def send(name: str, fields: tuple[str, ...], yes: bool, vehicle: str, router: str, as_json: bool) -> None:
     """Send a goal to the action NAME and follow it to its end.
@@ -493,10 +493,10 @@ def rover() -> None:
 @common_options
 def drive(speed_mps: float, yaw_rate_rps: float, for_s: float | None, vehicle: str, router: str, as_json: bool) -> None:
     """Drive at SPEED m/s (negative is backwards), turning at YAW_RATE rad/s (positive is clockwise from above)."""
-    from jezero.client.rover import Leg, leg_problem
+    from jezero.client.rover import Leg, leg_refusal
 
-    if problem := leg_problem(Leg(inf if for_s is None else for_s, speed_mps, yaw_rate_rps)):
-        raise click.UsageError(problem)
+    if refusal := leg_refusal(Leg(inf if for_s is None else for_s, speed_mps, yaw_rate_rps)):
+        raise click.UsageError(refusal)
     printer = Printer(as_json)
     with connected(vehicle, router, printer) as uav:
         with suppress(KeyboardInterrupt):
@@ -591,8 +591,8 @@ def orthophoto(file: Path, middle: tuple[float, float], side_m: float, resolutio
     if side_m / resolution > 20_000:
         raise click.UsageError(f"{side_m:g} m at {resolution:g} m per pixel are more than 20,000 pixels across")
     try:
-        place, vehicle = load_config(SimulatorConfig, "simulator"), load_config(VehicleConfig, "vehicle")
-        picture = make_orthophoto(place, vehicle, middle, side_m, resolution)
+        simulator, vehicle = load_config(SimulatorConfig, "simulator"), load_config(VehicleConfig, "vehicle")
+        picture = make_orthophoto(simulator.terrain, vehicle, middle, side_m, resolution)
     except NoEglError as error:
         raise click.ClickException(f"{error}: install libegl1, libgl1 and libgl1-mesa-dri") from None
     height_px, width_px, _ = picture.shape

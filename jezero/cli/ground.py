@@ -88,7 +88,7 @@ def _serve(config: "GroundStationConfig", vehicle: str, router: str, recording: 
         from jezero.services.ground_station.web.server import PageServer
     live = router if recording is None else None
     place = _run_folder(vehicle) if recording is None else _checked(recording)
-    server = PageServer(config, listening_of(config), load_config(VehicleConfig, "vehicle"), vehicle, live, place)
+    server = PageServer(listening_of(config), load_config(VehicleConfig, "vehicle"), vehicle, live, place)
     with suppress(KeyboardInterrupt):  # uvicorn raises Ctrl+C anew after its own shutdown
         click.echo(
             f"the pages of {vehicle if recording is None else recording} are on {server.address}. Ctrl+C ends them."

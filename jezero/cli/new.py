@@ -8,7 +8,7 @@ from string import Template
 import click
 
 from jezero.base.files import naming
-from jezero.base.plugins import name_problem
+from jezero.base.plugins import name_refusal
 
 SUFFIX = ".tmpl"
 
@@ -31,12 +31,8 @@ def action(name: str, into: Path) -> None:
 
     NAME is lower-case letters, digits and underscores, such as `survey_spiral`.
     """
-    from jezero.services.table import SERVICES
-
-    if problem := name_problem(name):
-        raise click.UsageError(problem)
-    if name in {row.name for row in SERVICES}:
-        raise click.UsageError(f"{name!r} is the name of a service: choose another name for the action")
+    if refusal := name_refusal(name):
+        raise click.UsageError(refusal)
     folder = into / name
     if folder.exists():
         raise click.UsageError(f"{folder} is there already: choose another name, or another folder with --into")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 import click
 
-from jezero.base.extras import require
+from jezero.base.extras import extra_hint
 from jezero.base.files import keep_private
 from jezero.base.router_address import shown_router
 from jezero.cli import completion
@@ -143,7 +143,7 @@ def _set_environment(context: click.Context, listen: tuple[str, ...], connect: t
 
 
 def _read_services(path: Path, profiles: tuple[str, ...], *, linked: bool) -> "dict[str, ComposeService]":
-    from jezero.base.plugins import plugin_names
+    from jezero.base.plugins import plugin_names, refused_plugins
     from jezero.deploy.launcher.compose import ComposeError, parse, select, with_actions
 
     variables = {GATE_VARIABLE: "1" if linked else "0", **os.environ}
@@ -151,13 +151,18 @@ def _read_services(path: Path, profiles: tuple[str, ...], *, linked: bool) -> "d
         services = select(with_actions(parse(path.read_text(encoding="utf-8"), variables), plugin_names()), profiles)
     except (ComposeError, OSError) as error:
         raise click.ClickException(f"{path}: {error.strerror if isinstance(error, OSError) else error}") from error
-    for service, package in NEEDS.items():
-        if service in services:
-            require(f"the service {service}", package)
-    if GROUND_STATION in services and find_spec("nicegui") is None:
+    for refusal in refused_plugins().values():
+        click.echo(f"no server for {refusal}", err=True)
+    if missing := [needed for name, needed in NEEDS.items() if name in services and not _is_installed(needed)]:
+        raise click.ClickException(f"this command {extra_hint(*missing)}")
+    if GROUND_STATION in services and not _is_installed("nicegui"):
         del services[GROUND_STATION]
         click.echo("no ground station in the browser, which is an extra: pip install 'jezero[ground]'", err=True)
     return services
+
+
+def _is_installed(package: str) -> bool:
+    return find_spec(package) is not None
 
 
 class _CannotStart(Exception):  # noqa: N818

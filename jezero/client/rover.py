@@ -64,8 +64,8 @@ class Wheel:
         Raises:
             ValueError: a number is outside its range.
         """
-        if problem := leg_problem(Leg(WHEEL_TIMEOUT_S, speed_mps, yaw_rate_rps)):
-            raise ValueError(problem)
+        if refusal := leg_refusal(Leg(WHEEL_TIMEOUT_S, speed_mps, yaw_rate_rps)):
+            raise ValueError(refusal)
         self._turned = (speed_mps, yaw_rate_rps, time.monotonic())
 
     def release(self) -> None:
@@ -124,8 +124,8 @@ class Rover:
             TimedOut: at the end of the block: the rover still rolls 10 s after the command to stop.
         """
         leg = Leg(math.inf, speed_mps, yaw_rate_rps)
-        if problem := leg_problem(leg):
-            raise ValueError(problem)
+        if refusal := leg_refusal(leg):
+            raise ValueError(refusal)
         over = threading.Event()
         failures: list[JezeroError] = []
 
@@ -187,8 +187,8 @@ class Rover:
     def _drive(self, legs: Sequence[Leg], on_leg: Callable[[int, Leg], None], over: threading.Event) -> None:
         """Drive legs until they or `over` end it, then stop; raises the errors of `follow`."""
         for number, leg in enumerate(legs, start=1):
-            if problem := leg_problem(leg):
-                raise ValueError(f"leg {number}: {problem}")
+            if refusal := leg_refusal(leg):
+                raise ValueError(f"leg {number}: {refusal}")
         with _Clock(self._connection) as clock:
             try:
                 self._follow(legs, clock, on_leg, over)
@@ -275,7 +275,7 @@ def _stands(odometry: RoverOdometry) -> bool:
     return abs(odometry.speed_rover_body_mps) < STANDS_MPS and abs(odometry.yaw_rate_rover_rps) < STANDS_RPS
 
 
-def leg_problem(leg: Leg) -> str:
+def leg_refusal(leg: Leg) -> str:
     """Why the rover can't drive a leg, or ""."""
     if not leg.duration_s > 0.0:
         return f"duration {leg.duration_s:g} s is not positive"
@@ -310,8 +310,8 @@ def _leg(row: list[str], where: str) -> Leg:
     except ValueError:
         raise ValueError(f"{where}: {','.join(row)!r} is not three numbers") from None
     leg = Leg(duration_s, speed_mps, yaw_rate_rps)
-    if problem := leg_problem(leg):
-        raise ValueError(f"{where}: {problem}")
+    if refusal := leg_refusal(leg):
+        raise ValueError(f"{where}: {refusal}")
     if math.isinf(duration_s):
         raise ValueError(f"{where}: the duration must be finite")
     return leg

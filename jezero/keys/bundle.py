@@ -127,12 +127,12 @@ def check_private(folder: Path) -> None:
         path = folder / name
         try:
             mode = path.stat().st_mode
-        except OSError:  # it is missing, which whoever needs it says
+        except OSError:  # the program that needs the file says that it is missing
             continue
         if mode & mask:
             what = "read or change" if mode & OTHERS_READ_OR_WRITE & ~OTHERS_WRITE else "change"
             raise KeysError(
-                f"other users can {what} {path}, and could play its owner: type "
+                f"other users can {what} {path}, and could pretend to be its owner: type "
                 f"`chmod -R go= {shlex.quote(str(folder))}`"
             )
 
@@ -188,7 +188,7 @@ def read_certificate(path: Path) -> "x509.Certificate":
         return x509.load_pem_x509_certificate(read_plain_file(path))
     except OSError as error:
         raise KeysError(describe_os_error(error)) from None
-    except KeysError:
+    except KeysError:  # a ValueError too
         raise
     except ValueError:
         raise KeysError(f"{path} is damaged, or no certificate: copy it anew") from None

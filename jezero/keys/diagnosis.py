@@ -34,18 +34,19 @@ REFUSED_FOR = {
 OTHER_TLS = frozenset({"TLSV1_ALERT_PROTOCOL_VERSION", "SSLV3_ALERT_HANDSHAKE_FAILURE", "UNSUPPORTED_PROTOCOL"})
 """Alerts and errors of two sides that have no version or method of TLS in common."""
 REFUSED_TIME = "SSLV3_ALERT_CERTIFICATE_EXPIRED"
+"""Alert with which a router refuses a client's certificate that isn't valid at the router's time."""
 REFUSED_AUTHORITY = frozenset({"TLSV1_ALERT_UNKNOWN_CA", "TLSV1_ALERT_DECRYPT_ERROR"})
-"""Alerts with which a router refuses a client's certificate. Source: RFC 8446, 6.2. The latter is that of a signature
-which isn't right, as of another authority with the same name."""
+"""Alerts with which a router refuses the authority of a client's certificate. Source: RFC 8446, 6.2. DECRYPT_ERROR is
+the alert of a wrong signature, as of another authority with the same name."""
 
 
 def connection_problem(endpoint: str) -> str:
     """Why a client can't connect to a router, and what to do; "" if that isn't TLS' fault, e.g. no router listens.
 
+    It takes 0.5 s for each step at which the router doesn't reply.
+
     Args:
         endpoint: Zenoh's endpoint, with the files of the bundle.
-
-    It takes 0.5 s for each step at which the router doesn't reply.
     """
     address, shown = parse_router(endpoint), shown_router(endpoint)
     if address.protocol == "tcp" and _speaks_tls(address.host, address.port):
@@ -115,7 +116,7 @@ def missing_right(endpoint: str, name: str) -> str:
 
 
 def hidden_reason(endpoint: str, vehicle: str) -> str:
-    """Say in one sentence why a router shows nothing of a vehicle, not even itself, to the member of a bundle.
+    """Why a router shows nothing of a vehicle to the member of a bundle, in one sentence; "" without a bundle.
 
     A router lets a revoked member connect as any other, and then shows it nothing: its list of members isn't to be had.
     """
@@ -142,7 +143,7 @@ def _member(endpoint: str) -> tuple[Identity | None, str]:
 
 
 def _time_problem(identity: Identity) -> str:
-    """Whether a certificate is not valid now."""
+    """Reason why a certificate is not valid now, or ""."""
     now = datetime.now(UTC)
     if now > identity.expires:
         return f"the certificate of {identity.name} has expired on {_day(identity.expires)}: {_renew(identity.name)}"
@@ -160,7 +161,7 @@ def _own_problem(own: Identity, bundle: Path) -> str:
 
 
 def _revocation(own: Identity, bundle: Path) -> str:
-    """Whether the bundle's own list says that its member is revoked."""
+    """Reason why the bundle's member is revoked, by the bundle's own list of members, or ""."""
     if (bundle / MEMBERS).exists() and read_members(bundle).is_revoked(own.name):
         return f"{own.name} is revoked: ask the one who has the team for another bundle"
     return ""
@@ -181,9 +182,9 @@ def _handshake_problem(endpoint: str, own: Identity) -> str:
         ):
             secured.recv(1)  # with TLS 1.3 the router checks our certificate after our side has finished
     except ssl.SSLCertVerificationError as error:
-        return _router_refused(error, endpoint)
+        return _router_refusal(error, endpoint)
     except ssl.SSLError as error:
-        return _own_refused(error, shown, own)
+        return _own_refusal(error, shown, own)
     except socket.gaierror:
         return f"no host is called {address.host}: check the name, or write its IP address"
     except OSError:  # nothing listens, or a router without TLS waits for the rest of what it takes for Zenoh's protocol
@@ -214,7 +215,7 @@ def _context(files: dict[str, Path]) -> ssl.SSLContext:
     return context
 
 
-def _router_refused(error: ssl.SSLCertVerificationError, endpoint: str) -> str:
+def _router_refusal(error: ssl.SSLCertVerificationError, endpoint: str) -> str:
     """Why a client doesn't take the router's certificate."""
     address, shown = parse_router(endpoint), shown_router(endpoint)
     if error.verify_code in OTHER_AUTHORITY:
@@ -239,7 +240,7 @@ def _router_refused(error: ssl.SSLCertVerificationError, endpoint: str) -> str:
     return f"the certificate of {router.name} at {shown} is refused: {error.verify_message}"
 
 
-def _own_refused(error: ssl.SSLError, shown: str, own: Identity) -> str:
+def _own_refusal(error: ssl.SSLError, shown: str, own: Identity) -> str:
     """Why the router doesn't take the client's certificate, or speaks no TLS."""
     if error.reason == REFUSED_TIME:
         return (

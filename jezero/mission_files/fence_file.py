@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 
 from jezero.base.config import ConfigError, config_directory
-from jezero.base.fence import fence_refusal, joined, zone_refusal
+from jezero.base.fence import JoinError, fence_refusal, joined, zone_refusal
 from jezero.base.mistakes import mistake, unknown
 from jezero.mission_files.goals import line_of
 from jezero.mission_files.nodes import FileNode, UnreadableError, parse
@@ -76,9 +76,10 @@ def fence_of_plan(plan: Any, name: str) -> Fence | None:
     if not zones:
         return None
     keep_in = [zone for zone, included in zones if included]
-    whole = joined(keep_in) if keep_in else None
-    if isinstance(whole, str):
-        raise AreaFileError(whole)
+    try:
+        whole = joined(keep_in) if keep_in else None
+    except JoinError as error:
+        raise AreaFileError(str(error)) from None
     return Fence(name=name[:64], keep_in=whole, keep_out=tuple(zone for zone, included in zones if not included))
 
 
@@ -151,11 +152,11 @@ class _Zones:
         zones = self.named(node)
         if len(zones) < len(node.value):  # what is wrong with the others is noted
             return None
-        whole = joined(zones) if zones else None
-        if isinstance(whole, str):
-            self._problems.add(node.line, f"{name}: {whole}")
+        try:
+            return joined(zones) if zones else None
+        except JoinError as error:
+            self._problems.add(node.line, f"{name}: {error}")
             return None
-        return whole
 
     def named(self, node: FileNode) -> list[Zone]:
         """All zones of `NAME: corners`."""

@@ -97,7 +97,7 @@ class _Walk:
             return self._judged(StepPlan(duration_s=step.duration_s, charge_used=used), ends_on_ground=False)
         takes_off = step.action == TAKEOFF.name or bool(step.goal.get("do_takeoff"))
         lands = step.action in (LAND_ON_SPOT.name, RETURN_HOME.name)
-        problem = self._state_problem(step, takes_off=takes_off)
+        refusal = self._state_refusal(step, takes_off=takes_off)
         action = self._actions[step.action]
         goal: Goal = msgspec.convert({**step.goal, "plan_from_ned_m": self._pos_ned_m}, action.goal_type)
         if isinstance(goal, ReturnHomeGoal) and not goal.rally_points_ned_m:
@@ -107,12 +107,12 @@ class _Walk:
             self._pos_ned_m = reply.path_ned_m[-1]
         if takes_off or lands:
             self._flies, self._changed_by = not lands, number
-        refusal = "" if reply.accepted else reply.reason
-        mistake = bool(problem) or not (reply.accepted or reply.input_missing)
-        found = StepPlan(reply, reply.duration_s, problem or refusal, mistake, self._used(reply))
+        mistake = bool(refusal) or not (reply.accepted or reply.input_missing)
+        refusal = refusal or ("" if reply.accepted else reply.reason)
+        found = StepPlan(reply, reply.duration_s, refusal, mistake, self._used(reply))
         return self._judged(found, ends_on_ground=lands)
 
-    def _state_problem(self, step: GoalStep, *, takes_off: bool) -> str:
+    def _state_refusal(self, step: GoalStep, *, takes_off: bool) -> str:
         """Why a step can't begin in the state that the one before leaves, or ""."""
         since = f"after step {self._changed_by}" if self._changed_by else "before the mission"
         if self._flies and step.action == TAKEOFF.name:

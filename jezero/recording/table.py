@@ -90,6 +90,7 @@ def _column(values: Sequence[Any]) -> Array:
 
 
 def _axes(name: str, count: int) -> Sequence[str]:
+    """Names of the components of a field, from the frame in its name; their numbers where it names none."""
     field = name.rpartition(".")[2]
     if field.startswith("q_") and count == 4:
         return "wxyz"

@@ -164,7 +164,7 @@ class Node:
         except BadPayloadError as error:
             source.rejected += 1
             self._last_error = f"{name}: {error}"[:500]
-            refusal = endpoint.refuse(plain(f"not understood: {error}"[:1000]))
+            refusal = endpoint.refuse(plain(str(error)[:1000]))
             if self._journal is not None:
                 text = data.decode("utf-8", "replace")
                 self._journal.add(entries.Refused(name, client_id, text, str(error)), len(data))

@@ -4,10 +4,11 @@ import os
 import sys
 from pathlib import Path
 
-from jezero.base.plugins import PluginError, action_names
+from jezero.base.plugins import PluginError, action_names, find_action
 from jezero.runtime.process import Worker, run_process
 from jezero.services.actions.lifecycle.picture_store import PictureStore
-from jezero.services.actions.table import action_server, find_declaration
+from jezero.services.actions.lifecycle.server import ActionServer
+from jezero.services.actions.table import action_server
 
 
 def main() -> int:
@@ -17,14 +18,19 @@ def main() -> int:
         return 2
     name = sys.argv[1]
     try:
-        takes_pictures = find_declaration(name).action.takes_pictures
+        return run_process(name, lambda _instance, boot_id: (_make(name, boot_id), {}))
     except PluginError as error:
         print(f"{name}: {error}", file=sys.stderr)
         return os.EX_CONFIG
-    run_dir = os.environ.get("JEZERO_RUN_DIR")
-    folder = Path(run_dir).absolute() / "pictures" / name if run_dir else None
-    pictures = PictureStore(folder, execute=Worker().add) if takes_pictures else None
-    return run_process(name, lambda _instance, boot_id: (action_server(name, boot_id, pictures=pictures), {}))
+
+
+def _make(name: str, boot_id: int) -> ActionServer:
+    pictures = None
+    if find_action(name).takes_pictures:
+        run_dir = os.environ.get("JEZERO_RUN_DIR")
+        folder = Path(run_dir).absolute() / "pictures" / name if run_dir else None
+        pictures = PictureStore(folder, execute=Worker().add)
+    return action_server(name, boot_id, pictures=pictures)
 
 
 if __name__ == "__main__":

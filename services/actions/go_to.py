@@ -8,11 +8,10 @@ from jezero.base.frames import Vec3, add, altitude_m, distance
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import GoToGoal, MoveFeedback, MoveResult
 from jezero.schemas.state import Status, StatusCode
-from jezero.schemas.topics import GO_TO, RELATIVE
-from jezero.services.actions.config import ActionsConfig, GoToConfig
-from jezero.services.actions.lifecycle.declaration import ActionDeclaration
+from jezero.schemas.topics import RELATIVE
+from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.motion.behaviour import Done, Move, Plan, Refusal, Remaining, VehicleState
-from jezero.services.actions.motion.limits import beyond_limits, point_refusal, speed_refusal
+from jezero.services.actions.motion.limits import high_or_far_refusal, point_refusal, speed_refusal
 from jezero.services.actions.motion.rover_frame import (
     loss_reason,
     rover_position,
@@ -34,20 +33,18 @@ class GoTo:
         self,
         goal: GoToGoal,
         do_takeoff: bool,
-        settings: GoToConfig,
         config: ActionsConfig,
         t_ns: int,
         state: VehicleState,
     ) -> None:
         self._goal = goal
-        self._settings = settings
         self._config = config
         self._in_rover_frame = goal.frame == "rover"
         self._climb: Climb | None = None
         self._path: StraightPath | None = None
         """Path to the target, in the goal's frame; None until the climb is over and that frame is known."""
         if do_takeoff:
-            self._climb = Climb(t_ns, settings.takeoff_altitude_m, state, config)
+            self._climb = Climb(t_ns, config.go_to.takeoff_altitude_m, state, config.move)
         elif not self._in_rover_frame:
             self._path = self._path_from(t_ns, state.pos_uav_ned_m, state.yaw_rad)
 
@@ -123,7 +120,7 @@ class GoTo:
             t_ns,
             start_ned_m,
             goal.target_ned_m,
-            speed_mps=self._settings.speed_mps if goal.speed_mps is None else goal.speed_mps,
+            speed_mps=self._config.go_to.speed_mps if goal.speed_mps is None else goal.speed_mps,
             config=self._config.move,
             yaw_start_rad=yaw_rad,
             yaw_end_rad=goal.yaw_rad,
@@ -133,8 +130,7 @@ class GoTo:
 class GoToPlanner:
     """Plans straight flights to a target within the limits."""
 
-    def __init__(self, settings: GoToConfig, config: ActionsConfig) -> None:
-        self._settings = settings
+    def __init__(self, config: ActionsConfig) -> None:
         self._config = config
 
     def plan(self, goal: GoToGoal, status: Status) -> Plan | Refusal:
@@ -145,13 +141,13 @@ class GoToPlanner:
         do_takeoff = goal.do_takeoff and status.code == StatusCode.IDLE
         in_rover_frame = goal.frame == "rover"
         return Plan(
-            partial(GoTo, goal, do_takeoff, self._settings, self._config),
+            partial(GoTo, goal, do_takeoff, self._config),
             warning="already flying: the takeoff is left out" if goal.do_takeoff and not do_takeoff else "",
             do_takeoff=do_takeoff,
             override=goal.override,
             landing_from_m=altitude_m(goal.target_ned_m[2]) if do_takeoff else 0.0,
             inputs=(RELATIVE,) if in_rover_frame else (),
-            check_inputs=partial(self._check_inputs, goal) if in_rover_frame else None,
+            check_inputs=partial(self._inputs_refusal, goal) if in_rover_frame else None,
         )
 
     def replan(self, goal: GoToGoal, status: Status, running: GoTo) -> Plan | Refusal:
@@ -160,12 +156,9 @@ class GoToPlanner:
             return Refusal("the vehicle still takes off: modify the goal when it flies to its target")
         return self.plan(replace(goal, do_takeoff=False), status)
 
-    def _check_inputs(self, goal: GoToGoal, state: VehicleState) -> str:
+    def _inputs_refusal(self, goal: GoToGoal, state: VehicleState) -> str:
         """Reason why a target in the rover's frame can't be flown to, or ""."""
         relative = state.relative
         if relative is None or not relative.valid:
             return loss_reason(relative)
-        return beyond_limits(add(goal.target_ned_m, rover_position(state, relative)), self._config.vehicle.limits)
-
-
-ACTION = ActionDeclaration(action=GO_TO, settings=GoToConfig, planner=GoToPlanner)
+        return high_or_far_refusal(add(goal.target_ned_m, rover_position(state, relative)), self._config.vehicle.limits)

@@ -6,11 +6,10 @@ from jezero.base.frames import Vec3
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import MoveFeedback, MoveResult, TakeoffGoal
 from jezero.schemas.state import Status
-from jezero.schemas.topics import TAKEOFF
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.config import ActionsConfig, TakeoffConfig
-from jezero.services.actions.lifecycle.declaration import ActionDeclaration
+from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.motion.behaviour import Done, Move, Plan, Refusal, Remaining, VehicleState
+from jezero.services.actions.motion.config import MoveConfig
 from jezero.services.actions.motion.straight_path import StraightPath
 
 LEAD_M = 0.6
@@ -36,7 +35,7 @@ class Climb:
         t_ns: int,
         altitude_m: float,
         state: VehicleState,
-        config: ActionsConfig,
+        config: MoveConfig,
         z_ground_ned_m: float | None = None,
     ) -> None:
         x, y, z = self._start_ned_m = state.pos_uav_ned_m
@@ -45,9 +44,9 @@ class Climb:
             t_ns,
             (x, y, z),
             (x, y, self.z_ground_ned_m - altitude_m),
-            speed_mps=config.move.speed_up_mps,
+            speed_mps=config.speed_up_mps,
             lead_max_m=LEAD_M,
-            config=config.move,
+            config=config,
             yaw_start_rad=state.yaw_rad,
         )
         self._arm_by_ns = t_ns + int(ARMING_TIMEOUT_S * NS_PER_S)
@@ -74,7 +73,7 @@ class Takeoff:
     """
 
     def __init__(
-        self, goal: TakeoffGoal, config: ActionsConfig, z_ground_ned_m: float | None, t_ns: int, state: VehicleState
+        self, goal: TakeoffGoal, config: MoveConfig, z_ground_ned_m: float | None, t_ns: int, state: VehicleState
     ) -> None:
         self._climb = Climb(t_ns, goal.altitude_m, state, config, z_ground_ned_m)
 
@@ -105,7 +104,7 @@ class Takeoff:
 class TakeoffPlanner:
     """Plans climbs to an altitude within the limits."""
 
-    def __init__(self, settings: TakeoffConfig, config: ActionsConfig) -> None:
+    def __init__(self, config: ActionsConfig) -> None:
         self._config = config
 
     def plan(self, goal: TakeoffGoal, status: Status) -> Plan | Refusal:
@@ -121,8 +120,5 @@ class TakeoffPlanner:
         low, high = limits.altitude_min_m, limits.altitude_max_m
         if not low <= goal.altitude_m <= high:
             return Refusal(f"altitude {goal.altitude_m:g} m is not within {low:g} to {high:g} m above the ground")
-        start = partial(Takeoff, goal, self._config, z_ground_ned_m)
+        start = partial(Takeoff, goal, self._config.move, z_ground_ned_m)
         return Plan(start, do_takeoff=True, override=goal.override, landing_from_m=goal.altitude_m)
-
-
-ACTION = ActionDeclaration(action=TAKEOFF, settings=TakeoffConfig, planner=TakeoffPlanner)

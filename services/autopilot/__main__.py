@@ -44,7 +44,7 @@ def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, Socke
     config = with_signatures(config, ground)
     since_2015_s, path = time.time() - UNIX_2015_S, kept_stamp_path()
     kept_stamp, keep_stamp = load_stamp(path, int(since_2015_s * 1e5)), partial(save_stamp, path)
-    warning = insecurity(config, ground)
+    warning = insecurity(config.signing, ground)
     return Autopilot(config, vehicle, instance.system_id, since_2015_s, warning, kept_stamp, keep_stamp), {
         HIL: TcpClient(LOOPBACK, instance.hil_port),
         OFFBOARD: Udp((LOOPBACK, instance.autopilot_offboard_port), (LOOPBACK, instance.bridge_port)),

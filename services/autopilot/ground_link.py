@@ -44,9 +44,9 @@ def is_local(host: str) -> bool:
     return IPv4Address(host).is_loopback
 
 
-def insecurity(config: AutopilotConfig, host: str) -> str:
+def insecurity(signing: SigningConfig, host: str) -> str:
     """What a link without signatures to another computer means, for people; "" for any other link."""
-    if is_local(host) or config.signing.key:
+    if is_local(host) or signing.key:
         return ""
     return f"the MAVLink link to {host} is insecure: everybody on its network may fly"
 

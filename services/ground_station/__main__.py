@@ -25,7 +25,7 @@ def main() -> int:
         config = load_config(GroundStationConfig, "ground_station")
         robot = load_config(VehicleConfig, "vehicle")
         run_folder = Path(os.environ["JEZERO_RUN_DIR"]) if "JEZERO_RUN_DIR" in os.environ else None
-        server = PageServer(config, listening_of(config), robot, instance.vehicle, instance.router, run_folder)
+        server = PageServer(listening_of(config), robot, instance.vehicle, instance.router, run_folder)
         server.run_in_thread()
         print(f"the pages are on {server.address}")
         return GroundStation(server.health), {}

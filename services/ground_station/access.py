@@ -49,32 +49,28 @@ class Listening:
     """Where the pages are served, and to whom.
 
     Attributes:
-        address: IP address.
+        config: the settings, which have been checked.
         password_hash: hash of the password that commands need; "" where anybody may fly.
-        certificate: file of the TLS certificate; "" without TLS.
-        key: file of its private key.
         names: names by which browsers find this machine, in lower case, besides IP addresses.
     """
 
-    address: str
-    password_hash: str
-    certificate: str
-    key: str
-    names: frozenset[str]
+    config: GroundStationConfig
+    password_hash: str = ""
+    names: frozenset[str] = frozenset()
 
     @property
     def is_loopback(self) -> bool:
         """Whether only this machine reaches the address."""
-        return ip_address(self.address).is_loopback
+        return ip_address(self.config.listen).is_loopback
 
     def url(self, port: int) -> str:
         """Address of the pages, for a browser."""
-        host = self.address
+        host = self.config.listen
         if ip_address(host).is_unspecified:
             host = socket.gethostname()
         elif ":" in host:
             host = f"[{host}]"
-        return f"{'https' if self.certificate else 'http'}://{host}:{port}"
+        return f"{'https' if self.config.certificate else 'http'}://{host}:{port}"
 
     def serves(self, host: str) -> bool:
         """Whether a request's `Host` names this machine; another name is one that somebody else has pointed here."""
@@ -104,7 +100,7 @@ def listening_of(config: GroundStationConfig) -> Listening:
     if config.certificate:
         _check_certificate(config.certificate, config.key)
     if address.is_loopback:
-        return Listening(config.listen, "", config.certificate, config.key, frozenset())
+        return Listening(config)
     hashed = _password_of(config)
     if not config.certificate and not config.insecure:
         raise ConfigError(
@@ -113,7 +109,7 @@ def listening_of(config: GroundStationConfig) -> Listening:
         )
     own = socket.gethostname().lower()
     names = {own, f"{own}.local", *(name.lower() for name in config.host_names)}
-    return Listening(config.listen, hashed, config.certificate, config.key, frozenset(names))
+    return Listening(config, hashed, frozenset(names))
 
 
 def _check_certificate(certificate: str, key: str) -> None:
@@ -144,7 +140,7 @@ def insecurities(listening: Listening, router: str | None) -> str:
     """
     links = links_from_environment()
     found = [insecurity(endpoint) for endpoint in (router, *links.listen, *links.connect) if endpoint]
-    if not listening.is_loopback and not listening.certificate:
+    if not listening.is_loopback and not listening.config.certificate:
         found.append("These pages are insecure: whoever is on their network reads the password and may fly")
     return "; ".join(filter(None, found))
 

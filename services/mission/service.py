@@ -298,15 +298,15 @@ class MissionService:
         if present is not None and not present.ended:
             reason = f"the mission {present.mission.name!r} is {present.state}: end it first (jezero mission stop)"
             return Reply(request.request_id, MissionReply(accepted=False, reason=reason))
-        if problem := self._problem(mission):
-            return Reply(request.request_id, MissionReply(accepted=False, reason=problem))
+        if refusal := self._goals_refusal(mission):
+            return Reply(request.request_id, MissionReply(accepted=False, reason=refusal))
         self._missions += 1
         mission_id = f"mission-{self._boot_id:x}-{self._missions}"
         self._record = MissionRecord(mission=mission, mission_id=mission_id)
         self._interventions = None
         return Reply(request.request_id, MissionReply(accepted=True, mission_id=mission_id))
 
-    def _problem(self, mission: Mission) -> str:
+    def _goals_refusal(self, mission: Mission) -> str:
         """The first mistake in a mission's goals, or ""."""
         for number, step in enumerate(mission.steps, start=1):
             if not isinstance(step, GoalStep):

@@ -19,9 +19,9 @@ from jezero.base.frames import (
     quat_rotate,
     scale,
 )
-from jezero.base.vehicle_config import VehicleConfig
+from jezero.base.vehicle_config import AirframeConfig, PlatformConfig, VehicleConfig
 from jezero.services.simulator.body import BodyState, RoverState
-from jezero.services.simulator.config import SimulatorConfig
+from jezero.services.simulator.config import SimulatorConfig, UavConfig
 from jezero.services.simulator.quiet_pybullet import pybullet
 from jezero.services.simulator.terrain import HALF_SIDE_M, POINTS, SPACING_M, Terrain
 
@@ -57,9 +57,9 @@ class World:
         pybullet.setGravity(0.0, 0.0, -config.gravity_mps2, physicsClientId=self._client)
         self._add_ground(terrain, config.terrain.friction)
         self.state = BodyState((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-        self._rover_id = self._add_rover(config, vehicle, rover)
-        self._uav_id = self._add_uav(config, vehicle)
-        self._settle(config, vehicle, terrain, rover)
+        self._rover_id = self._add_rover(vehicle.platform, config.rover.friction_platform, rover)
+        self._uav_id = self._add_uav(config.uav, vehicle.airframe)
+        self._settle(config.uav, vehicle.airframe, terrain, rover)
 
     def close(self) -> None:
         """Free the physics engine; happens by itself when the world is no longer used."""
@@ -188,10 +188,10 @@ class World:
         pybullet.changeDynamics(body, -1, lateralFriction=friction, physicsClientId=self._client)
         return body
 
-    def _add_rover(self, config: SimulatorConfig, vehicle: VehicleConfig, rover: RoverState) -> int:
+    def _add_rover(self, platform: PlatformConfig, friction: float, rover: RoverState) -> int:
         """Platform slab, chassis and two rows of wheels; the body's origin is on top of the platform."""
-        half_m = 0.5 * vehicle.platform.side_m
-        top_m = vehicle.platform.height_m
+        half_m = 0.5 * platform.side_m
+        top_m = platform.height_m
         halves_m = [(half_m, half_m, 0.5 * PLATFORM_THICKNESS_M), (0.4, 0.25, 0.25 * top_m)]
         places_m = [(0.0, 0.0, -0.5 * PLATFORM_THICKNESS_M), (0.0, 0.0, -0.4 * top_m)]
         for side in (-1.0, 1.0):
@@ -204,13 +204,12 @@ class World:
             physicsClientId=self._client,
         )
         position, orientation = _rover_pose(rover)
-        body = self._add_fixed(shape, position, config.rover.friction_platform)
+        body = self._add_fixed(shape, position, friction)
         pybullet.resetBasePositionAndOrientation(body, position, orientation, physicsClientId=self._client)
         return body
 
-    def _add_uav(self, config: SimulatorConfig, vehicle: VehicleConfig) -> int:
+    def _add_uav(self, uav: UavConfig, airframe: AirframeConfig) -> int:
         """Hull, a flat box for the arms and rotors, and four feet on springs."""
-        uav, airframe = config.uav, vehicle.airframe
         forward_m, side_m = airframe.feet_frd_m
         down_m = airframe.height_stand_m + uav.sag_legs_m - RADIUS_FOOT_M
         feet_m = [(a * forward_m, b * side_m, -down_m) for a in (1.0, -1.0) for b in (1.0, -1.0)]
@@ -239,14 +238,14 @@ class World:
         )
         return body
 
-    def _settle(self, config: SimulatorConfig, vehicle: VehicleConfig, terrain: Terrain, rover: RoverState) -> None:
+    def _settle(self, uav: UavConfig, airframe: AirframeConfig, terrain: Terrain, rover: RoverState) -> None:
         """Let the vehicle come to rest where it starts, and remember that pose."""
-        if config.uav.start == "platform":
+        if uav.start == "platform":
             north_m, east_m, down_m = rover.pos_ned_m
         else:
             north_m, east_m, down_m = 0.0, 0.0, -terrain.height_m(0.0, 0.0)
-        above_m = vehicle.airframe.height_stand_m + config.uav.sag_legs_m
-        self.place_uav((north_m, east_m, down_m - above_m), config.uav.start_yaw_rad)
+        above_m = airframe.height_stand_m + uav.sag_legs_m
+        self.place_uav((north_m, east_m, down_m - above_m), uav.start_yaw_rad)
         for _ in range(SETTLE_STEPS):
             pybullet.stepSimulation(self._client)
         self._start_pose = pybullet.getBasePositionAndOrientation(self._uav_id, self._client)

@@ -29,7 +29,7 @@ def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, Socke
     config, vehicle = load_config(VehicleBridgeConfig, "vehicle_bridge"), load_config(VehicleConfig, "vehicle")
     path = kept_fence_path()
     kept = None if path is None else load(path)
-    fence = _configured(config) if kept is None else kept.fence
+    fence = _fence_of(config.fence) if kept is None else kept.fence
     keep = _keep_nothing if path is None else partial(save, path)
     epoch_path = kept_epoch_path()
     bridge = VehicleBridge(
@@ -37,10 +37,10 @@ def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, Socke
         vehicle,
         config.system_id or instance.system_id,
         boot_id,
-        token_hex(8),
-        action_names(),
-        fence,
-        keep,
+        secret=token_hex(8),
+        actions=action_names(),
+        fence=fence,
+        keep_fence=keep,
         name=instance.vehicle,
         kept_epoch=None if epoch_path is None or not config.link else load_epoch(epoch_path),
         keep_epoch=_keep_nothing if epoch_path is None else partial(save_epoch, epoch_path),
@@ -51,12 +51,13 @@ def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, Socke
     return bridge, {LINK: Udp((HOST, instance.bridge_port), autopilot, only_from_peer=True)}
 
 
-def _configured(config: VehicleBridgeConfig) -> Fence | None:
-    if not config.fence:
+def _fence_of(file: str) -> Fence | None:
+    """The fence in the file that the settings name; None where they name none."""
+    if not file:
         return None
     from jezero.mission_files import configured_fence  # with planners, which no vehicle without a fence file needs
 
-    return configured_fence(config.fence)
+    return configured_fence(file)
 
 
 def _keep_nothing(value: object) -> None:

@@ -165,13 +165,13 @@ class Grants:
         self.count = 0
         self.last_abort_ns: int | None = None
         self._secret = secret
-        self._end_reasons: dict[str, str | None] = {}
-        """Reason why control ended, by control id; None where its owner released it."""
+        self._end_reasons: dict[str, str] = {}
+        """Reason why control ended, by control id; "" where its owner released it."""
         self._flown: dict[str, None] = {}
         """Ids of goals that have sent a setpoint, oldest first."""
 
-    def acquire(self, request: Acquire, code: Code, text: str, vehicle: VehicleSnapshot) -> str | None:
-        """Give control to a goal; returns the reason for a refusal, or None with a new `present`.
+    def acquire(self, request: Acquire, code: Code, text: str, vehicle: VehicleSnapshot) -> str:
+        """Give control to a goal; returns the reason for a refusal, or "" with a new `present`.
 
         A request that only checks changes nothing.
 
@@ -180,7 +180,7 @@ class Grants:
         """
         holder = self.present
         if holder is not None and holder.sequence < 0 and holder.goal_id == request.goal_id:
-            return None  # the same request again, because its reply was lost
+            return ""  # the same request again, because its reply was lost
         refusal = self._repeat_refusal(request, vehicle) or acquire_refusal(request, code, holder, text, vehicle)
         if refusal or request.check_only:
             return refusal
@@ -193,10 +193,10 @@ class Grants:
             timer_ns=vehicle.timer_ns,
             overriding=_overriding(request, code, vehicle),
         )
-        return None
+        return ""
 
-    def _repeat_refusal(self, request: Acquire, vehicle: VehicleSnapshot) -> str | None:
-        """Reason why this goal may not have control any more, None when it may."""
+    def _repeat_refusal(self, request: Acquire, vehicle: VehicleSnapshot) -> str:
+        """Reason why this goal may not have control any more, or ""."""
         goal_id = request.goal_id
         if goal_id in self._flown:
             return "this goal has flown already, and a goal runs once: send it with a new id"
@@ -204,7 +204,7 @@ class Grants:
             return "this goal is from before the bridge started and may have flown: send it with a new id"
         if request.goal_t_ns is not None and self.last_abort_ns is not None and request.goal_t_ns <= self.last_abort_ns:
             return "this goal came before the last abort: send it again"
-        return None
+        return ""
 
     def add_flown(self, goal_id: str) -> None:
         """Remember a goal that flies: a restarted action server doesn't, and clients may send theirs again."""
@@ -239,32 +239,30 @@ class Grants:
         grant.is_late = True
         return "", f"hovering until {grant.name} goes on: {because}"
 
-    def end(self, reason: str | None) -> None:
-        """End the present grant, if there is one; `reason` is None when its owner releases it."""
+    def end(self, reason: str) -> None:
+        """End the present grant, if there is one; `reason` is "" when its owner releases it."""
         if self.present is not None:
             self._end_reasons[self.present.control_id] = reason
             if len(self._end_reasons) > ENDED_MAX:
                 del self._end_reasons[next(iter(self._end_reasons))]
         self.present = None
 
-    def end_reason(self, control_id: str) -> str | None:
-        """Reason why control ended, None where its owner released it."""
+    def end_reason(self, control_id: str) -> str:
+        """Reason why control ended, or "" where its owner released it."""
         return self._end_reasons.get(control_id, "this control was never given")
 
 
 # -- refusals of goals -----------------------------------------------------------------------------------
 
 
-def acquire_refusal(
-    request: Acquire, code: Code, holder: Grant | None, text: str, vehicle: VehicleSnapshot
-) -> str | None:
-    """Reason why this goal may not fly now, with what to do instead; None when it may.
+def acquire_refusal(request: Acquire, code: Code, holder: Grant | None, text: str, vehicle: VehicleSnapshot) -> str:
+    """Reason why this goal may not fly now, with what to do instead, or "".
 
     Args:
         holder: grant of the goal in charge.
         text: the status' last event, which explains a status 13.
     """
-    return next(_acquire_refusals(request, code, holder, text, vehicle), None)
+    return next(_acquire_refusals(request, code, holder, text, vehicle), "")
 
 
 def _acquire_refusals(
@@ -334,31 +332,31 @@ def _phases_of(action: str, code: Code) -> tuple[Phase, ...]:
 # -- refusals of releases and hovers ---------------------------------------------------------------------
 
 
-def release_refusal(request: Release, code: Code, vehicle: VehicleSnapshot, robot: VehicleConfig) -> str | None:
-    """Reason why a goal that succeeded may not end so, None when it may."""
+def release_refusal(request: Release, code: Code, vehicle: VehicleSnapshot, robot: VehicleConfig) -> str:
+    """Reason why a goal that succeeded may not end with this request, or ""."""
     if (code is Code.LANDING) != (request.then != "hover"):
         return "a landing that succeeded ends with then=disarm, and nothing else does"
-    return force_disarm_refusal(vehicle, robot) if request.then == "force_disarm" else None
+    return force_disarm_refusal(vehicle, robot) if request.then == "force_disarm" else ""
 
 
-def force_disarm_refusal(vehicle: VehicleSnapshot, robot: VehicleConfig) -> str | None:
-    """Reason why a landing's end may not stop the motors by force, None when it may."""
+def force_disarm_refusal(vehicle: VehicleSnapshot, robot: VehicleConfig) -> str:
+    """Reason why a landing's end may not stop the motors by force, or ""."""
     range_max_m = robot.height_altimeter_m + FORCE_FEET_MAX_M
     if vehicle.range_m is None or vehicle.range_m <= range_max_m:
-        return None
+        return ""
     return f"not disarmed by force: the altimeter measures {vehicle.range_m:.2f} m, {range_max_m:.2g} m is the limit"
 
 
 def hover_refusal(
     request: Hover, code: Code, text: str, killing: bool, vehicle: VehicleSnapshot, limits: VehicleLimitsConfig
-) -> str | None:
-    """Reason why the bridge doesn't hover as requested; None when it does, or takes control back in order to.
+) -> str:
+    """Reason why the bridge doesn't hover as requested; "" when it does, or takes control back in order to.
 
     Args:
         text: the status' last event, which explains a status 13.
         killing: the motors are being cut.
     """
-    return next(_hover_refusals(request, code, text, killing, vehicle, limits), None)
+    return next(_hover_refusals(request, code, text, killing, vehicle, limits), "")
 
 
 def _hover_refusals(

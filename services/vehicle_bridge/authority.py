@@ -109,7 +109,7 @@ class Authority:
         self._external_holder: InCharge = "failsafe"
         self._takeover = TakeoverDetector()
         self._unarmable_mode = UnarmableModeDetector()
-        self._monitor = FlightMonitor(config)
+        self._monitor = FlightMonitor(config.router_timeout_s)
         self._abort_maneuver = AbortManeuver()
         self._code_since_ns = 0
         self._engagement = EngagementTimer()
@@ -153,15 +153,15 @@ class Authority:
 
     # -- requests and setpoints --------------------------------------------------------------------------
 
-    def acquire(self, request: Acquire, vehicle: VehicleSnapshot) -> str | None:
-        """Give control to a goal; returns the reason for a refusal, or None with the new `grant`."""
+    def acquire(self, request: Acquire, vehicle: VehicleSnapshot) -> str:
+        """Give control to a goal; returns the reason for a refusal, or "" with the new `grant`."""
         refusal = self._grants.acquire(request, self.code, self.text, vehicle)
         if self.grant is not None and not refusal and not request.check_only:
             self.text = f"{self.grant.name} is in charge"
         return refusal
 
-    def accept(self, setpoint: Setpoint, vehicle: VehicleSnapshot, resets: ResetHistory) -> str | None:
-        """Make a setpoint the new target; returns the reason for a refusal, or None."""
+    def accept(self, setpoint: Setpoint, vehicle: VehicleSnapshot, resets: ResetHistory) -> str:
+        """Make a setpoint the new target; returns the reason for a refusal, or ""."""
         grant, code = self.grant, CODE_OF.get(setpoint.phase)
         refusal = setpoint_refusal(setpoint, self.code, grant, vehicle, resets)
         if refusal or grant is None or code is None:
@@ -179,10 +179,10 @@ class Authority:
             takes_off_first = code is StatusCode.TAKEOFF and grant.action != setpoint.phase
             self.text = f"{grant.name} {'begins with a takeoff' if takes_off_first else 'has begun'}{because}"
             self._set_code(code, vehicle)
-        return None
+        return ""
 
-    def release(self, request: Release, vehicle: VehicleSnapshot, resets: ResetHistory) -> str | None:
-        """Take a goal's control; returns the reason for a refusal, or None. It is done when the status is 3 or 0."""
+    def release(self, request: Release, vehicle: VehicleSnapshot, resets: ResetHistory) -> str:
+        """Take a goal's control; returns the reason for a refusal, or "". It is done when the status is 3 or 0."""
         grant = self.grant
         if grant is None or grant.control_id != request.control_id:
             return self._grants.end_reason(request.control_id)
@@ -202,22 +202,22 @@ class Authority:
             else:
                 self.target = released_target(request, stopping_target(self.target, vehicle), resets)
             self._set_code(completed(self.code), vehicle)
-        return None
+        return ""
 
-    def hover(self, request: Hover, vehicle: VehicleSnapshot) -> str | None:
-        """Hover here or at a point; returns the reason for a refusal, or None. It is done when the status is 3."""
+    def hover(self, request: Hover, vehicle: VehicleSnapshot) -> str:
+        """Hover here or at a point; returns the reason for a refusal, or "". It is done when the status is 3."""
         refusal = hover_refusal(request, self.code, self.text, self.killing, vehicle, self._robot.limits)
         if refusal := refusal or self._fence.point_refusal(request.hover_pos):
             return refusal
         self.interventions += 1
         if self.code is StatusCode.EXTERNAL:
             self._begin_taking_back(vehicle)
-            return None
+            return ""
         if self.grant is not None:
             self._revoke(f"{self.grant.name} ended: hover was requested", vehicle)
         if self.code is StatusCode.HOVER:
             self.target, self.text = hover_target(request, stopping_target(self.target, vehicle))
-        return None
+        return ""
 
     def _begin_taking_back(self, vehicle: VehicleSnapshot) -> None:
         if not self.taking_back:
@@ -438,7 +438,7 @@ class Authority:
         return (vehicle.timer_ns - self._code_since_ns) * 1e-9
 
     def _end_grant(self, text: str, *, released: bool = False) -> None:
-        self._grants.end(None if released else text)
+        self._grants.end("" if released else text)
         self.text = text
 
     def _revoke(self, reason: str, vehicle: VehicleSnapshot, *, released: bool = False) -> None:
@@ -476,13 +476,13 @@ class Authority:
 
 def setpoint_refusal(
     setpoint: Setpoint, code: StatusCode, holder: Grant | None, vehicle: VehicleSnapshot, resets: ResetHistory
-) -> str | None:
-    """Reason why this setpoint is dropped, None when it is flown."""
+) -> str:
+    """Reason why this setpoint is dropped, or ""."""
     age_ns, phase, pos_ned_m = vehicle.t_ns - setpoint.t_ns, setpoint.phase, setpoint.pos_ned_m
     next_code, counter = CODE_OF.get(phase), setpoint.reset_counter
     if holder is None or setpoint.control_id != holder.control_id:
         return "its control is not in charge"
-    refusal = None
+    refusal = ""
     if setpoint.sequence <= holder.sequence:
         refusal = f"sequence {setpoint.sequence} after {holder.sequence}"
     elif not -MAX_LEAD_NS <= age_ns <= MAX_AGE_NS:

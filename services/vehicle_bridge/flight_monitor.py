@@ -5,7 +5,6 @@ from math import degrees
 from jezero.base.frames import horizontal, norm, subtract
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.services.vehicle_bridge.admission import force_disarm_refusal
-from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.vehicle import LINK_TIMEOUT_S, OFFBOARD, AutopilotCommand, Target, VehicleSnapshot
 
 STREAM_LEAD_S = 0.2
@@ -52,11 +51,14 @@ class EngagementTimer:
 class FlightMonitor:
     """Detects what ends a flight: tilt, a wedge, and the loss of telemetry or of the bus's router.
 
-    Each method returns a reason, or None.
+    Each method but `update` returns a reason, or "".
+
+    Args:
+        router_timeout_s: the vehicle lands when the router has been missing for longer.
     """
 
-    def __init__(self, config: VehicleBridgeConfig) -> None:
-        self._config = config
+    def __init__(self, router_timeout_s: float) -> None:
+        self._router_timeout_s = router_timeout_s
         self._upright_ns = self._free_ns = 0
 
     def update(self, vehicle: VehicleSnapshot, target: Target | None, *, flying: bool) -> None:
@@ -71,7 +73,7 @@ class FlightMonitor:
         if not (flying and _is_held(vehicle, target)):
             self._free_ns = vehicle.timer_ns
 
-    def kill_reason(self, vehicle: VehicleSnapshot) -> str | None:
+    def kill_reason(self, vehicle: VehicleSnapshot) -> str:
         """Reason to cut the motors."""
         tilt = f"tilted by {degrees(vehicle.tilt_rad):.0f} degrees"
         if (vehicle.timer_ns - self._upright_ns) * 1e-9 >= TILT_TIMEOUT_S:
@@ -82,25 +84,25 @@ class FlightMonitor:
                 f"{WEDGED_TIMEOUT_S:g} s although it was commanded to; free it from what holds it, such as the edge "
                 "of the rover's platform, and check rotors and payload"
             )
-        return None
+        return ""
 
-    def link_reason(self, vehicle: VehicleSnapshot) -> str | None:
+    def link_reason(self, vehicle: VehicleSnapshot) -> str:
         """Reason to end a goal."""
         age_s = vehicle.telemetry_age_s
-        return f"no telemetry for {age_s:.1f} s" if age_s > LINK_TIMEOUT_S else None
+        return f"no telemetry for {age_s:.1f} s" if age_s > LINK_TIMEOUT_S else ""
 
-    def blind_reason(self, vehicle: VehicleSnapshot) -> str | None:
+    def blind_reason(self, vehicle: VehicleSnapshot) -> str:
         """Reason to stop streaming."""
         age_s = vehicle.telemetry_age_s
         if age_s <= BLIND_TIMEOUT_S:
-            return None
+            return ""
         return f"no telemetry for {age_s:.1f} s: left to the autopilot's failsafe"
 
-    def router_reason(self, vehicle: VehicleSnapshot) -> str | None:
+    def router_reason(self, vehicle: VehicleSnapshot) -> str:
         """Reason to land."""
         lost_s = vehicle.router_lost_s
-        if lost_s < self._config.router_timeout_s or not vehicle.armed or vehicle.landed:
-            return None
+        if lost_s < self._router_timeout_s or not vehicle.armed or vehicle.landed:
+            return ""
         return f"landing: the bus's router has been missing for {lost_s:.0f} s"
 
 

@@ -115,9 +115,9 @@ class RequestQueue:
         refusal = self._authority.acquire(request, vehicle)
         grant = self._authority.grant
         if request.check_only:
-            return AcquireReply(granted=not refusal, reason=refusal or "", bridge_boot_id=self._boot_id)
+            return AcquireReply(granted=not refusal, reason=refusal, bridge_boot_id=self._boot_id)
         if refusal or grant is None:
-            return AcquireReply(granted=False, reason=refusal or "", bridge_boot_id=self._boot_id)
+            return AcquireReply(granted=False, reason=refusal, bridge_boot_id=self._boot_id)
         grants = self._authority.control_state.grants
         return AcquireReply(
             granted=True,
@@ -161,7 +161,7 @@ REFUSALS: dict[str, Callable[[str], Payload]] = {
 """Replies by the part of the key behind the action's name."""
 
 
-def unknown_action_refusal(key: str, actions: Collection[str]) -> Payload | None:
+def unknown_action_reply(key: str, actions: Collection[str]) -> Payload | None:
     """Reply to a request to an action that doesn't exist, whose client would else hear nothing.
 
     None for a request that is left to an action server, or that nobody could understand.

@@ -35,7 +35,7 @@ from jezero.services.vehicle_bridge.autopilot_link import AutopilotLink, Telemet
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.fence import FenceKeeper
 from jezero.services.vehicle_bridge.narrow_line import RATE_MIN_HZ
-from jezero.services.vehicle_bridge.requests import RequestQueue, unknown_action_refusal
+from jezero.services.vehicle_bridge.requests import RequestQueue, unknown_action_reply
 from jezero.services.vehicle_bridge.takeover import ForeignSetpointDetector
 from jezero.services.vehicle_bridge.time_sync import ControllerClock, KeptEpoch
 from jezero.services.vehicle_bridge.vehicle import LINK_TIMEOUT_S, OFFBOARD, Target, VehicleSnapshot
@@ -260,7 +260,7 @@ class VehicleBridge:
             takeoff_ned_m=self._ground_ned_m,
             telemetry_age_s=telemetry_age_s,
             failed_checks=self._failed_checks(t_ns, inbox) if idle else (),
-            not_ready_reason=self._not_ready_reason(telemetry_age_s) if idle else None,
+            not_ready_reason=self._not_ready_reason(telemetry_age_s) if idle else "",
             acknowledged=self._link.acknowledged,
             command_failure=self._link.command_failure(timer_ns),
             router_lost_s=(inbox.wall_ns - (self._router_seen_wall_ns or 0)) * 1e-9,
@@ -304,18 +304,18 @@ class VehicleBridge:
         if inbox.has_requests:
             yield from self._requests.handle_after_setpoints(vehicle, inbox)
             for request in inbox.requests(UNKNOWN_ACTION):
-                yield Reply(request.request_id, unknown_action_refusal(request.payload.key, self._actions))
+                yield Reply(request.request_id, unknown_action_reply(request.payload.key, self._actions))
 
     # -- readiness -----------------------------------------------------------------------------------------
 
-    def _not_ready_reason(self, telemetry_age_s: float) -> str | None:
-        """Reason why a takeoff isn't possible now, for people; None when it is.
+    def _not_ready_reason(self, telemetry_age_s: float) -> str:
+        """Reason why a takeoff isn't possible now, for people, or "".
 
         Args:
             telemetry_age_s: age of the newest telemetry, or of the newest odometry if that is older.
         """
-        reason = next(self._missing(telemetry_age_s), None)
-        if reason is None and self._authority.code is StatusCode.IDLE:
+        reason = next(self._missing(telemetry_age_s), "")
+        if not reason and self._authority.code is StatusCode.IDLE:
             return self._moving_ground_reason()
         return reason
 
@@ -356,12 +356,12 @@ class VehicleBridge:
             return f"nothing comes from the flight controller at {self._config.link}: is it plugged in and switched on?"
         return f"the flight controller at {self._config.link} doesn't answer TIMESYNC yet"
 
-    def _moving_ground_reason(self) -> str | None:
-        """Reason why nothing can take off from a moving rover, None when the vehicle stands still."""
+    def _moving_ground_reason(self) -> str:
+        """Reason why nothing can take off from a moving rover, or "" while the vehicle stands still."""
         odometry, limit_mps = self._link.telemetry.odometry, self._config.takeoff_speed_max_mps
         speed_mps = 0.0 if odometry is None else horizontal(odometry.vel_uav_ned_mps)
         if speed_mps <= limit_mps:
-            return None
+            return ""
         moves = f"the ground under the vehicle moves at {speed_mps:.2f} m/s"
         return f"{moves}: stop the rover, {limit_mps:g} m/s is the limit"
 
@@ -430,9 +430,9 @@ class VehicleBridge:
     def _status(self, control_state: ControlState, vehicle: VehicleSnapshot) -> Status:
         telemetry, wind = self._link.telemetry, self._wind.wind
         if control_state.code is StatusCode.EXTERNAL:
-            not_ready_reason: str | None = f"not under the bridge's command: {control_state.text}"
+            not_ready_reason = f"not under the bridge's command: {control_state.text}"
         elif control_state.code is not StatusCode.IDLE and vehicle.telemetry_age_s <= LINK_TIMEOUT_S:
-            not_ready_reason = None
+            not_ready_reason = ""
         else:
             not_ready_reason = self._not_ready_reason(vehicle.telemetry_age_s)
         return Status(
@@ -451,8 +451,8 @@ class VehicleBridge:
             grants=control_state.grants,
             interventions=control_state.interventions,
             epoch_id=self._epoch_id or 0,
-            ready=not_ready_reason is None,
-            not_ready_reason=not_ready_reason or "",
+            ready=not not_ready_reason,
+            not_ready_reason=not_ready_reason,
             battery=telemetry.battery,
             text=control_state.text[:2000],
             wind_ned_mps=None if wind is None else wind.mean_ned_mps,
@@ -474,7 +474,7 @@ class VehicleBridge:
         text = f"{status_words(self._authority.code)}; the autopilot is linked"
         if vehicle.telemetry_age_s > LINK_TIMEOUT_S or self._epoch_id is None:
             state = "starting" if self._link.telemetry.received_wall_ns is None else "degraded"
-            text = self._not_ready_reason(vehicle.telemetry_age_s) or ""
+            text = self._not_ready_reason(vehicle.telemetry_age_s)
         elif self._authority.code is StatusCode.IDLE and (reason := self._not_ready_reason(vehicle.telemetry_age_s)):
             state, text = "degraded", reason
         if self._dropped_setpoints:

@@ -79,7 +79,7 @@ class VehicleSnapshot(msgspec.Struct, frozen=True, kw_only=True):
         takeoff_ned_m: place where the vehicle last stood; None when the bridge did not see it stand.
         telemetry_age_s: age of the newest telemetry, or of the newest odometry if that is older.
         failed_checks: preflight checks that have failed lately.
-        not_ready_reason: reason why a takeoff isn't possible; None when it is, and in any status but 0.
+        not_ready_reason: reason why a takeoff isn't possible; "" when it is, and in any status but 0.
         acknowledged: the present command, once the autopilot has acknowledged it.
         command_failure: the autopilot's reason for refusing a command, "" without one.
         router_lost_s: time since the bus's router was last reachable.
@@ -102,7 +102,7 @@ class VehicleSnapshot(msgspec.Struct, frozen=True, kw_only=True):
     takeoff_ned_m: Vec3 | None = None
     telemetry_age_s: float = 0.0
     failed_checks: tuple[Check, ...] = ()
-    not_ready_reason: str | None = None
+    not_ready_reason: str = ""
     acknowledged: AutopilotCommand | None = None
     command_failure: str = ""
     router_lost_s: float = 0.0

@@ -9,11 +9,10 @@ from collections.abc import Awaitable, Callable
 from typing import Any
 
 import pytest
-from msgspec.structs import replace
 
 from jezero import aio
 from jezero.aio import Aborted, Canceled, Goal, Refused, TimedOut, Unreachable, Vehicle
-from jezero.schemas.actions import Accepted, CancelReply, ModifyReply, PauseReply, Rejected, ResumeReply
+from jezero.schemas.actions import Accepted, CancelReply, Rejected
 from jezero.schemas.commands import AbortReply
 from jezero.schemas.goals import MoveResult
 from tests.aio.rig import CANCEL, TAKEOFF, asked, happens, with_vehicle
@@ -23,7 +22,6 @@ from tests.client.rig import (
     Server,
     a_feedback,
     a_result,
-    a_status,
     endpoint,
     server,
 )
@@ -117,24 +115,6 @@ def test_an_abort_is_sent_at_once_however_many_tasks_wait(server: Server, endpoi
             wait.cancel()
         await asyncio.gather(*waits, return_exceptions=True)
         assert asked(server).count(CANCEL) == 100
-
-    with_vehicle(endpoint, server, test)
-
-
-def test_a_goal_is_paused_modified_and_resumed(server: Server, endpoint: str) -> None:
-    server.serve(TAKEOFF, ACCEPTED, end=False)
-    server.serve(f"{TAKEOFF}/pause", PauseReply(paused=True))
-    server.serve("status", replace(a_status(), goal_id="g", action="takeoff", paused=True))
-    server.serve(f"{TAKEOFF}/modify", ModifyReply(modified=True, warning="lower than asked"))
-    server.serve(f"{TAKEOFF}/resume", ResumeReply(resumed=False, reason="goal g is not paused"))
-
-    async def test(uav: Vehicle) -> None:
-        goal = await uav.takeoff()
-        await goal.pause()
-        await goal.modify(altitude_m=3.0)
-        assert goal.warning == "lower than asked"
-        with pytest.raises(Refused, match="goal g is not paused"):
-            await goal.resume()
 
     with_vehicle(endpoint, server, test)
 

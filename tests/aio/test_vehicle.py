@@ -3,7 +3,6 @@
 import asyncio
 import inspect
 from collections.abc import Awaitable, Callable
-from pathlib import Path
 
 import pytest
 
@@ -17,13 +16,10 @@ from jezero.schemas.commands import RoverCommand
 from tests.aio.rig import TAKEOFF, asked, clock, odometry, with_vehicle
 from tests.client.rig import (
     ACCEPTED,
-    ODOMETRY,
     Server,
     a_result,
     a_status,
-    close,
     endpoint,
-    own_stack,
     published,
     server,
     wait_until_subscribed,
@@ -48,25 +44,6 @@ def test_a_server_that_dies_is_noticed_while_the_loop_runs_on(
             await goal.result()
 
     with_vehicle(endpoint, server, test)
-
-
-def test_a_lost_router_ends_the_waits(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("jezero.client.goal.RECOVER_S", 0.5)
-    with own_stack() as (endpoint, router, server):
-        server.serve(TAKEOFF, ACCEPTED, end=False)
-
-        async def test(uav: Vehicle) -> None:
-            goal = await uav.takeoff()
-            close(router)
-            with pytest.raises(Unreachable, match=r"connection to the router .* is lost; goal g may still run"):
-                await goal.result()
-
-        with_vehicle(endpoint, server, test)
-
-
-def test_without_a_router_connecting_says_so_in_time() -> None:
-    with pytest.raises(Unreachable, match=r"no router at tcp/127.0.0.1:1 within 0.2 s"):
-        asyncio.run(Vehicle.connect("v", router="tcp/127.0.0.1:1", timeout_s=0.2))
 
 
 async def drive(uav: Vehicle) -> None:
@@ -141,17 +118,6 @@ def test_a_wait_for_a_message_that_is_canceled_takes_none_away(server: Server, e
     with_vehicle(endpoint, server, test)
 
 
-def test_the_latest_values_are_those_of_the_blocking_client(server: Server, endpoint: str) -> None:
-    async def test(uav: Vehicle) -> None:
-        assert (await uav.odometry(3.0)).pos_uav_ned_m == ODOMETRY.pos_uav_ned_m
-        assert (await uav.latest(topics.ODOMETRY)).t_ns <= (await uav.latest("odometry")).t_ns
-        with pytest.raises(TimedOut, match="no message on estimate/relative"):
-            await uav.relative(timeout_s=0.05)
-
-    with published(server, odometry, topics.ODOMETRY):
-        with_vehicle(endpoint, server, test)
-
-
 def test_status_is_watched(server: Server, endpoint: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("jezero.aio.vehicle.STATUS_TIMEOUT_S", 0.5)
     server.serve("status", a_status(t_ns=1))
@@ -180,14 +146,6 @@ def test_pictures_come_once_each(server: Server, endpoint: str) -> None:
         goal = await uav.get_images((0.0, 0.0, -4.0), 2.0, 3)
         pixels = [picture.pixels async for picture in goal.pictures(lambda feedback: taken.append(feedback.taken))]
         assert (pixels, taken) == ([pixels_of(0), pixels_of(1), pixels_of(2)], [1, 2])
-
-    with_vehicle(endpoint, server, test)
-
-
-def test_without_a_camera_a_snap_says_so(server: Server, endpoint: str, tmp_path: Path) -> None:
-    async def test(uav: Vehicle) -> None:
-        with pytest.raises(Unreachable, match=r"no image and no preview of v within 0.1 s"):
-            await uav.camera.snap(tmp_path / "x.png", timeout_s=0.1)
 
     with_vehicle(endpoint, server, test)
 
@@ -234,7 +192,7 @@ def test_driving_goes_on_beside_the_block_and_stops_with_it(server: Server, endp
         with_vehicle(endpoint, server, test)
 
 
-@pytest.mark.parametrize("ends_with", [None, KeyError, asyncio.CancelledError])
+@pytest.mark.parametrize("ends_with", [None, asyncio.CancelledError])
 def test_a_flight_lands_however_its_block_ends(
     server: Server, endpoint: str, ends_with: type[BaseException] | None
 ) -> None:

@@ -63,14 +63,18 @@ def without(packages: str, code: str) -> str:
     ],
 )
 def test_a_missing_package_is_named_with_its_extra(packages: str, code: str, sentence: str) -> None:
-    expected = re.sub(r"\.\.\.(\[\w+\])", r"pip install 'jezero\1'", sentence)
+    expected = re.sub(r"\.\.\.(\[[\w,]+\])", r"pip install 'jezero\1'", sentence)
     assert without(packages, code).endswith(expected)
 
 
 @pytest.mark.parametrize(
     ("packages", "words", "sentence"),
     [
-        ("matplotlib", "report .", "Error: this command needs matplotlib, which is not installed: ...[report]"),
+        (
+            "matplotlib",
+            "report .",
+            "Error: this command needs matplotlib, which is not installed: ...[report,services]",
+        ),
         ("mcap", "recording info .", "Error: this command needs mcap, which is not installed: ...[cli]"),
         ("cv2", "map .", "Error: this command needs cv2, which is not installed: ...[services]"),
         ("pybullet", "up -d", "Error: this command needs pybullet, which is not installed: ...[sim]"),
@@ -80,6 +84,30 @@ def test_a_missing_package_is_named_with_its_extra(packages: str, code: str, sen
     ],
 )
 def test_a_command_without_its_package_is_one_sentence(packages: str, words: str, sentence: str) -> None:
-    expected = re.sub(r"\.\.\.(\[\w+\])", r"pip install 'jezero\1'", sentence)
+    expected = re.sub(r"\.\.\.(\[[\w,]+\])", r"pip install 'jezero\1'", sentence)
     code = f"from jezero.cli.main import main; main({words.split()!r}, prog_name='jezero')"
     assert without(packages, code) == expected
+
+
+@pytest.mark.parametrize(
+    ("words", "extras"),
+    [
+        ("up", "sim"),
+        ("up --profile onboard", "services"),
+        ("report .", "report,services"),
+        ("fly", "cli"),
+        ("fly --fast", "sim"),
+        ("mission run demonstration", "cli"),
+        ("nonsense", "cli"),
+    ],
+)
+def test_the_client_alone_is_told_all_extras_of_a_command_at_once(words: str, extras: str) -> None:
+    code = f"sys.argv[1:] = {words.split()!r}; import jezero.cli.main"
+    expected = f"jezero's command line is an extra: pip install 'jezero[{extras}]'"
+    assert without(" ".join(EXTRAS), code) == expected
+
+
+def test_a_stack_without_several_packages_names_them_all() -> None:
+    code = "from jezero.cli.main import main; main(['up', '-d'], prog_name='jezero')"
+    sentence = "Error: this command needs pybullet and pymavlink, which are not installed: pip install 'jezero[sim]'"
+    assert without("pybullet pymavlink", code) == sentence

@@ -27,20 +27,19 @@ from jezero.schemas import topics
 from jezero.schemas.estimate import Relative, TagEstimate
 from jezero.schemas.goals import AreaCoverageGoal, Goal, GoToGoal, TakeoffGoal
 from jezero.schemas.landing_board import BIG_ID
-from jezero.schemas.rows import Topic
+from jezero.schemas.rows import Action, Topic
 from jezero.schemas.sensors import Altimeter, CameraInfo, RoverOdometry, TagCorners, Uwb
 from jezero.schemas.state import Clock, Odometry, Scene, Status
 from jezero.schemas.struct import Message
+from jezero.schemas.topics import GO_TO, TAKEOFF
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
 from jezero.services.actions.config import ActionsConfig, load_actions_config
-from jezero.services.actions.go_to import ACTION as GO_TO
 from jezero.services.actions.land_on_spot.contact import TouchdownDetector
 from jezero.services.actions.land_on_spot.platform import PlatformState
-from jezero.services.actions.lifecycle.declaration import ActionDeclaration
 from jezero.services.actions.motion.behaviour import Plan, Refusal
-from jezero.services.actions.motion.limits import beyond_limits
-from jezero.services.actions.takeoff import ACTION as TAKEOFF
+from jezero.services.actions.motion.limits import high_or_far_refusal
+from jezero.services.actions.table import PLANNERS
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.mixer import Mixer
 from jezero.services.autopilot.parameters import Parameters
@@ -254,7 +253,7 @@ def test_the_actions_read_the_vehicles_file(tmp_path: Path, monkeypatch: pytest.
     (tmp_path / "vehicle.toml").write_text("[limits]\naltitude_max_m = 10.0")
     (tmp_path / "actions.toml").write_text("")
     config = load_actions_config()
-    assert "limit of 10 m" in beyond_limits((0.0, 0.0, -11.0), config.vehicle.limits)
+    assert "limit of 10 m" in high_or_far_refusal((0.0, 0.0, -11.0), config.vehicle.limits)
     (tmp_path / "actions.toml").write_text("[vehicle.limits]\naltitude_max_m = 20.0")
     with pytest.raises(ConfigError, match=r"belongs in vehicle\.toml"):
         load_actions_config()
@@ -262,10 +261,10 @@ def test_the_actions_read_the_vehicles_file(tmp_path: Path, monkeypatch: pytest.
 
 @pytest.mark.parametrize("goal", [TakeoffGoal(altitude_m=6.0), GoToGoal(target_ned_m=(0.0, 0.0, -6.0))])
 def test_every_action_keeps_to_the_vehicles_limits(goal: Goal) -> None:
-    action: ActionDeclaration[Any] = TAKEOFF if isinstance(goal, TakeoffGoal) else GO_TO
+    action: Action[Any] = TAKEOFF if isinstance(goal, TakeoffGoal) else GO_TO
     low = ActionsConfig(vehicle=VehicleConfig(limits=VehicleLimitsConfig(altitude_max_m=5.0)))
-    assert isinstance(action.planner(action.settings(), ActionsConfig()).plan(goal, IDLE), Plan)
-    refusal = action.planner(action.settings(), low).plan(goal, IDLE)
+    assert isinstance(PLANNERS[action.name](ActionsConfig()).plan(goal, IDLE), Plan)
+    refusal = PLANNERS[action.name](low).plan(goal, IDLE)
     assert isinstance(refusal, Refusal)
     assert "5 m" in refusal.reason
 
@@ -296,7 +295,7 @@ def test_the_bridge_stops_the_motors_by_force_on_taller_legs_too() -> None:
     """With legs that are 0.252 m longer, the altimeter on the ground measures 0.35 m."""
     tall = VehicleConfig(airframe=AirframeConfig(height_stand_m=0.4))
     standing = VehicleSnapshot(t_ns=0, timer_ns=0, range_m=0.35)
-    assert force_disarm_refusal(standing, tall) is None
+    assert force_disarm_refusal(standing, tall) == ""
     assert force_disarm_refusal(standing, VehicleConfig())
 
 

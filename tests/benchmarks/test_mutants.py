@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.quality.mutants import Mutant, all_mutants, count_survivors, mutants_of
+from benchmarks.quality.mutants import Mutant, all_mutants, find_survivors, mutants_of, with_scenarios
 
 SOURCE = '''"""Not even - this + text or 3."""
 
@@ -46,7 +46,8 @@ def test_each_mutant_changes_one_operator_number_condition_or_result_and_neither
 def test_every_part_of_the_safety_code_has_mutants_and_tests_that_exist() -> None:
     root = Path(__file__).parents[2]
     for mutant in (found := all_mutants(root)):
-        assert (root / mutant.tests).exists()
+        for path in (*mutant.tests, *with_scenarios(mutant).tests):
+            assert (root / path).exists()
     assert len({mutant.path.rpartition("/")[0] for mutant in found}) >= 9
 
 
@@ -68,7 +69,8 @@ def test_a_mutant_that_a_test_notices_is_killed_and_another_is_shown_while_the_t
     sample = [
         mutant for mutant in mutants_of("code_under_test.py", ".", CODE.encode()) if mutant.text in ("min", "max")
     ]
-    assert count_survivors(tree, sample, jobs=2) == 1
+    (survivor,) = find_survivors(tree, sample, jobs=2)
+    assert survivor.text == "max"
     printed = capsys.readouterr().out
     assert "noticed  code_under_test.py:2\n" in printed
     assert "SURVIVED code_under_test.py:6\n" in printed
@@ -79,4 +81,10 @@ def test_a_mutant_that_a_test_notices_is_killed_and_another_is_shown_while_the_t
 def test_tests_that_fail_without_a_change_say_nothing_of_a_mutant(tmp_path: Path) -> None:
     tree = git_tree(tmp_path, code_under_test=CODE, test_code="def test_nothing():\n    assert False\n")
     with pytest.raises(SystemExit, match="fails without a change"):
-        count_survivors(tree, [Mutant("code_under_test.py", ".", 0, 0, "")], jobs=1)
+        find_survivors(tree, [Mutant("code_under_test.py", (".",), 0, 0, "")], jobs=1)
+
+
+def test_tests_that_last_too_long_notice_nothing(tmp_path: Path) -> None:
+    tree = git_tree(tmp_path, code_under_test=CODE, test_code="def test_endless():\n    while True:\n        pass\n")
+    sample = [Mutant("code_under_test.py", (".",), 0, 0, "")]
+    assert find_survivors(tree, sample, jobs=1, timeout_s=3.0) == sample

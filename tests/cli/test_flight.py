@@ -6,7 +6,8 @@ import pytest
 from click.testing import CliRunner
 
 from jezero.cli.flight import wind_text
-from jezero.cli.main import COMMANDS, main
+from jezero.cli.main import main
+from jezero.cli.sections import COMMANDS
 
 NOBODY = ["--router", "tcp/127.0.0.1:9"]
 

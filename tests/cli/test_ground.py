@@ -19,7 +19,7 @@ def test_a_stack_without_the_extra_starts_without_the_ground_station_and_says_so
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.delenv("JEZERO_GROUND", raising=False)
-    monkeypatch.setattr(stack, "find_spec", lambda name: None)
+    monkeypatch.setattr(stack, "find_spec", lambda name: None if name == "nicegui" else object())
     services = _read_services(shipped_compose_file(), (), linked=False)
     assert GROUND_STATION not in services
     assert "vehicle_bridge" in services

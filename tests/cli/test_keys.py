@@ -102,7 +102,7 @@ def test_a_bundle_that_others_can_read_is_refused_with_the_command_to_type(home:
     (home / "no.mcap").touch()
     words = [*command, "--router", "tls/127.0.0.1:1", "--keys", str(bundle)]
     words = [str(home / word) if word.endswith(".mcap") else word for word in words]
-    assert f"other users can read or change {bundle}, and could play its owner: type" in invoke(words)
+    assert f"other users can read or change {bundle}, and could pretend to be its owner: type" in invoke(words)
 
 
 @pytest.mark.parametrize("command", [["status"], ["ground"], ["takeoff", "3"]])

@@ -11,8 +11,8 @@ from jezero.cli.main import main
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [
-        ("recorder", "'recorder' is the name of a service: choose another name for the action"),
-        ("actions", "'actions' is the name of a service"),
+        ("recorder", "action 'recorder' has the name of a service"),
+        ("actions", "action 'actions' has the name of a service"),
         ("takeoff", "action 'takeoff' is one of jezero's own"),
         ("Spiral", "action 'Spiral': use lower-case letters"),
     ],

@@ -43,7 +43,7 @@ def refusal(use: Callable[[], object]) -> str:
 def test_a_folder_that_others_can_read_or_write_is_refused_with_the_command_to_type(bundle: Path, mode: int) -> None:
     bundle.chmod(mode)
     said = refusal(lambda: secured(ADDRESS, bundle))
-    assert f"{bundle}, and could play its owner: type `chmod -R go= {bundle}`" in said
+    assert f"{bundle}, and could pretend to be its owner: type `chmod -R go= {bundle}`" in said
     subprocess.run(said.split("`")[1], shell=True, check=True)
     assert secured(ADDRESS, bundle)
 
@@ -53,7 +53,7 @@ def test_a_folder_that_others_can_read_or_write_is_refused_with_the_command_to_t
 def test_keys_are_nobody_elses_and_the_other_files_may_only_be_read(bundle: Path, name: str, mode: int) -> None:
     (bundle / name).chmod(mode)
     if mode & 0o022 or name in ("key.pem", "mavlink.key"):
-        assert f"{bundle / name}, and could play its owner" in refusal(lambda: check_private(bundle))
+        assert f"{bundle / name}, and could pretend to be its owner" in refusal(lambda: check_private(bundle))
     else:
         check_private(bundle)
 
@@ -69,12 +69,12 @@ def test_changed_keys_that_others_can_read_are_not_used_by_a_router_that_runs(bu
     endpoint = secured(ADDRESS, bundle)
     assert bundle_problem(endpoint) == ""
     (bundle / "key.pem").chmod(0o644)
-    assert "could play its owner" in bundle_problem(endpoint)
+    assert "could pretend to be its owner" in bundle_problem(endpoint)
 
 
 def test_the_key_of_mavlink_and_that_of_the_authority_are_refused_too(bundle: Path, tmp_path: Path) -> None:
     (bundle / "mavlink.key").chmod(0o604)
-    assert "mavlink.key, and could play its owner" in refusal(lambda: mavlink_key(str(bundle)))
+    assert "mavlink.key, and could pretend to be its owner" in refusal(lambda: mavlink_key(str(bundle)))
     team = make_team(tmp_path / "team")
     (team.folder / "ca" / "key.pem").chmod(0o644)
     assert "chmod -R go=" in refusal(lambda: team.add("pilot", "cy"))

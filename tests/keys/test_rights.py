@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import pytest
 import zenoh
@@ -138,94 +138,123 @@ def bus(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bus]:
         )
 
 
-@pytest.fixture(params=EVERYBODY)
-def who(request: pytest.FixtureRequest) -> Who:
-    return request.param  # type: ignore[no-any-return]
+class Heard:
+    """What a session receives, by who has sent it; a context manager.
+
+    Attributes:
+        keys: without the vehicle's prefix.
+    """
+
+    def __init__(self, session: zenoh.Session, names: list[str]) -> None:
+        self.keys: dict[str, set[str]] = {who: set() for who in EVERYBODY}
+        self._session = session
+        self._names = names
+        self._ends = ExitStack()
+
+    def __enter__(self) -> Self:
+        for name in self._names:
+            subscriber = self._session.declare_subscriber(key(VEHICLE, name), self._on_sample)
+            self._ends.callback(subscriber.undeclare)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ends.close()
+
+    def _on_sample(self, sample: zenoh.Sample) -> None:
+        sender = "unknown" if sample.attachment is None else sample.attachment.to_string()
+        self.keys.setdefault(sender, set()).add(short(sample.key_expr))
 
 
-def subscribed(session: zenoh.Session, names: list[str], ends: ExitStack) -> set[str]:
-    """The keys on which something arrives from now on."""
-    arrived: set[str] = set()
-    for name in names:
-        subscriber = session.declare_subscriber(key(VEHICLE, name), lambda sample: arrived.add(str(sample.key_expr)))
-        ends.callback(subscriber.undeclare)
-    time.sleep(SETTLE_S)
-    return arrived
+def short(name: object) -> str:
+    return str(name).removeprefix(key(VEHICLE, ""))
 
 
-def short(keys: set[str]) -> set[str]:
-    return {each.removeprefix(key(VEHICLE, "")) for each in keys}
-
-
-def every(send: Callable[[str], object], names: list[str]) -> None:
-    for name in names:
-        send(key(VEHICLE, name))
-    time.sleep(SETTLE_S)
-
-
-def test_each_topic_is_published_by_its_writers_alone(bus: Bus, who: Who) -> None:
+def test_each_topic_is_published_by_its_writers_alone(bus: Bus) -> None:
     names = [topic.name for topic in ALL_TOPICS] + list(ASKED)
-    with ExitStack() as ends:
-        arrived = subscribed(bus.inside, [f"{plane}**" for plane in PLANES], ends)
-        every(lambda name: bus.sessions[who].put(name, "x", congestion_control=BLOCK), names)
-    allowed = {topic.name for topic in ALL_TOPICS if who in publishers_of(topic)}
-    assert short(arrived) == (set(names) if who in SERVICES else allowed)
+    with Heard(bus.inside, [f"{plane}**" for plane in PLANES]) as heard:
+        time.sleep(SETTLE_S)
+        for who, session in bus.sessions.items():
+            for name in names:
+                session.put(key(VEHICLE, name), "x", attachment=who, congestion_control=BLOCK)
+        time.sleep(SETTLE_S)
+    assert heard.keys == {
+        who: set(names) if who in SERVICES else {topic.name for topic in ALL_TOPICS if who in publishers_of(topic)}
+        for who in EVERYBODY
+    }
 
 
-def test_nobody_but_services_deletes(bus: Bus, who: Who) -> None:
+def test_nobody_but_services_deletes(bus: Bus) -> None:
     names = [topic.name for topic in ALL_TOPICS] + list(ASKED)
-    with ExitStack() as ends:
-        arrived = subscribed(bus.inside, [f"{plane}**" for plane in PLANES], ends)
-        every(lambda name: bus.sessions[who].delete(name, congestion_control=BLOCK), names)
-    assert short(arrived) == (set(names) if who in SERVICES else set())
+    with Heard(bus.inside, [f"{plane}**" for plane in PLANES]) as heard:
+        time.sleep(SETTLE_S)
+        for who, session in bus.sessions.items():
+            for name in names:
+                session.delete(key(VEHICLE, name), attachment=who, congestion_control=BLOCK)
+        time.sleep(SETTLE_S)
+    assert heard.keys == {who: set(names) if who in SERVICES else set() for who in EVERYBODY}
 
 
 @pytest.mark.parametrize("wildcards", [False, True], ids=["by their keys", "by wildcards"])
-def test_everybody_reads_each_topic_that_crosses_the_link(bus: Bus, who: Who, wildcards: bool) -> None:
+def test_everybody_reads_each_topic_that_crosses_the_link(bus: Bus, wildcards: bool) -> None:
     names = [topic.name for topic in ALL_TOPICS]
+    at_home = {topic.name for topic in ALL_TOPICS if topic.link_hz == 0.0}
     with ExitStack() as ends:
-        arrived = subscribed(bus.sessions[who], ["**"] if wildcards else names, ends)
-        every(lambda name: bus.inside.put(name, "x", congestion_control=BLOCK), names)
-    at_home = set() if who in ("program", "service") else {topic.name for topic in ALL_TOPICS if topic.link_hz == 0.0}
-    assert short(arrived) == set(names) - at_home
+        readers = {
+            who: ends.enter_context(Heard(session, ["**"] if wildcards else names))
+            for who, session in bus.sessions.items()
+        }
+        time.sleep(SETTLE_S)
+        for name in names:
+            bus.inside.put(key(VEHICLE, name), "x", attachment="service", congestion_control=BLOCK)
+        time.sleep(SETTLE_S)
+    assert {who: heard.keys["service"] for who, heard in readers.items()} == {
+        who: set(names) if who in ("program", "service") else set(names) - at_home for who in EVERYBODY
+    }
 
 
-def test_each_endpoint_is_asked_by_its_askers_alone(bus: Bus, who: Who) -> None:
-    asked: set[str] = set()
+def test_each_endpoint_is_asked_by_its_askers_alone(bus: Bus) -> None:
+    asked: dict[str, set[str]] = {}
+    replied: dict[Who, set[str]] = {}
     with ExitStack() as ends:
         for name in ASKED:
             reply = answering(asked)
             ends.callback(bus.inside.declare_queryable(key(VEHICLE, name), reply, complete=True).undeclare)
         time.sleep(SETTLE_S)
-        replied = {name for name in ASKED if replies(bus.sessions[who], name)}
-    allowed = {name for name, endpoint in ASKED.items() if who in askers_of(endpoint)}
+        for who, session in bus.sessions.items():
+            replied[who] = {name for name in ASKED if replies(session, name, who)}
+    allowed = {who: {name for name, each in ASKED.items() if who in askers_of(each)} for who in EVERYBODY}
     assert replied == allowed
-    assert short(asked) == allowed
+    assert asked == {who: names for who, names in allowed.items() if names}
 
 
-def answering(asked: set[str]) -> Callable[[zenoh.Query], None]:
+def answering(asked: dict[str, set[str]]) -> Callable[[zenoh.Query], None]:
+    """A server that notes the keys that it is asked for, by who asks."""
+
     def reply(query: zenoh.Query) -> None:
         with query:
-            asked.add(str(query.key_expr))
+            asker = "unknown" if query.payload is None else query.payload.to_string()
+            asked.setdefault(asker, set()).add(short(query.key_expr))
             query.reply(query.key_expr, "y")
 
     return reply
 
 
-def replies(session: zenoh.Session, name: str) -> bool:
-    return any(reply.ok is not None for reply in session.get(key(VEHICLE, name), payload="{}", timeout=2.0))
+def replies(session: zenoh.Session, name: str, payload: str) -> bool:
+    return any(reply.ok is not None for reply in session.get(key(VEHICLE, name), payload=payload, timeout=2.0))
 
 
+@pytest.mark.parametrize("who", EVERYBODY)
 def test_nobody_but_services_answers_requests(bus: Bus, who: Who) -> None:
     with ExitStack() as ends:
         for name in (*ASKED, *(topic.name for topic in ALL_TOPICS)):
-            reply = answering(set())
+            reply = answering({})
             ends.callback(bus.sessions[who].declare_queryable(key(VEHICLE, name), reply, complete=True).undeclare)
         time.sleep(SETTLE_S)
-        answered = {name for name in (*ASKED, "status") if replies(bus.inside, name)}
+        answered = {name for name in (*ASKED, "status") if replies(bus.inside, name, "inside")}
     assert answered == ({*ASKED, "status"} if who in SERVICES else set())
 
 
+@pytest.mark.parametrize("who", EVERYBODY)
 def test_liveliness_tokens_are_those_of_their_owners(bus: Bus, who: Who) -> None:
     liveliness = bus.sessions[who].liveliness()
     with ExitStack() as ends:
@@ -237,15 +266,14 @@ def test_liveliness_tokens_are_those_of_their_owners(bus: Bus, who: Who) -> None
     assert found == allowed
 
 
-def test_everybody_sees_which_services_are_there(bus: Bus, who: Who) -> None:
+def test_everybody_sees_which_services_are_there(bus: Bus) -> None:
     own = liveliness_key(VEHICLE, "service", "estimator")
     token = bus.inside.liveliness().declare_token(own)
     time.sleep(SETTLE_S)
-    found = {
-        str(reply.ok.key_expr) for reply in bus.sessions[who].liveliness().get(key(VEHICLE, "@alive/**")) if reply.ok
-    }
+    for who, session in bus.sessions.items():
+        found = {str(reply.ok.key_expr) for reply in session.liveliness().get(key(VEHICLE, "@alive/**")) if reply.ok}
+        assert own in found, who
     token.undeclare()  # type: ignore[no-untyped-call]
-    assert own in found
 
 
 def connected(team: Team, port: int, name: str) -> Vehicle:

@@ -61,7 +61,7 @@ BROKEN: dict[Break, str] = {
 }
 """The fault of each broken build, and the promise that it breaks."""
 
-QUICK = (takes_setpoints_of_any_age, limits_no_target_at_a_fence)
+QUICK = (limits_no_target_at_a_fence,)
 """Those that `make test-all` flies; `make broken` flies all."""
 CASES = [pytest.param(broken, marks=() if broken in QUICK else pytest.mark.slow) for broken in BROKEN]
 

@@ -7,7 +7,7 @@ from jezero.trials.landing.trial import Conditions
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("tilt_deg", [10.0, 15.0])
+@pytest.mark.parametrize("tilt_deg", [pytest.param(10.0, marks=pytest.mark.slow), 15.0])
 def test_a_platform_that_is_tilted_is_a_slope_and_not_an_edge(tilt_deg: float) -> None:
     """By the tags alone."""
     landing = fly_landing(0, Conditions(case="tag", tilt_deg=tilt_deg))

@@ -89,7 +89,12 @@ GOALS: dict[Action[Any], Goal] = {
 
 @pytest.mark.parametrize(
     "action",
-    [topics.LAND_ON_SPOT, *(pytest.param(action, marks=pytest.mark.long) for action in list(GOALS)[1:])],
+    [
+        topics.LAND_ON_SPOT,
+        pytest.param(topics.RETURN_HOME, marks=pytest.mark.long),
+        pytest.param(topics.GET_IMAGES, marks=pytest.mark.long),
+        pytest.param(topics.AREA_COVERAGE, marks=pytest.mark.slow),  # takes its images as get_images does
+    ],
     ids=lambda action: action.name,
 )
 def test_no_extreme_message_ends_a_service_in_flight(action: Action[Any]) -> None:

@@ -6,7 +6,7 @@ from benchmarks.quality.autopilot import hold, jump, track
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", [11, 12])
+@pytest.mark.parametrize("seed", [11, pytest.param(12, marks=pytest.mark.slow)])
 def test_it_holds_its_position(seed: int) -> None:
     figures = hold(seed)
     assert figures.p95_m <= 0.15
@@ -14,7 +14,7 @@ def test_it_holds_its_position(seed: int) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", [11, 12])
+@pytest.mark.parametrize("seed", [11, pytest.param(12, marks=pytest.mark.slow)])
 def test_it_tracks_velocity_setpoints(seed: int) -> None:
     figures = track(seed)
     assert figures.rms_mps <= 0.2

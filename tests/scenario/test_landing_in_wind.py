@@ -46,7 +46,7 @@ def test_a_landing_in_more_wind_than_the_limit_is_refused_with_the_wind_and_acce
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_vehicle_that_slides_on_the_platform_four_times_ends_in_a_hover_whose_reason_names_the_wind(
     seed: int,
 ) -> None:

@@ -50,7 +50,12 @@ HEAVY = VehicleConfig(
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("vehicle", "use_uwb", "use_tag"),
-    [(OTHER, True, True), (OTHER, False, True), (OTHER, True, False), (TURNED, False, True)],
+    [
+        pytest.param(OTHER, True, True, marks=pytest.mark.slow),
+        (OTHER, False, True),
+        (OTHER, True, False),
+        (TURNED, False, True),
+    ],
     ids=["uwb+tag", "tag", "uwb", "a turned camera with a distorting lens"],
 )
 def test_it_lands_on_the_rover(vehicle: VehicleConfig, use_uwb: bool, use_tag: bool) -> None:

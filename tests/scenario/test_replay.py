@@ -57,7 +57,9 @@ def test_every_service_of_a_flight_with_lossless_images_is_replayed_identically(
     assert all(replay_through(path, name).lossy_images == 0 for name in READERS_OF_IMAGES)
 
 
-@pytest.mark.parametrize("seed", [9, 23], ids=["bridge killed", "estimator killed"])
+@pytest.mark.parametrize(
+    "seed", [9, pytest.param(23, marks=pytest.mark.slow)], ids=["bridge killed", "estimator killed"]
+)
 def test_services_of_a_mission_with_faults_are_replayed_identically(seed: int, tmp_path: Path) -> None:
     path = tmp_path / "flight.mcap"
     with virtual_recording(path, seed) as writer:

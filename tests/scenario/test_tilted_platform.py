@@ -6,7 +6,7 @@ from jezero.trials.landing.flight import fly_landing
 from jezero.trials.landing.trial import CaseName, Conditions
 
 
-@pytest.mark.parametrize("tilt_deg", [10.0, 15.0])
+@pytest.mark.parametrize("tilt_deg", [pytest.param(10.0, marks=pytest.mark.slow), 15.0])
 @pytest.mark.parametrize(("case", "rmse_max_m"), [("uwb+tag", 0.2), ("uwb", 0.6)])
 def test_over_a_tilted_platform_the_estimate_is_as_good_as_over_a_level_one(
     tilt_deg: float, case: CaseName, rmse_max_m: float

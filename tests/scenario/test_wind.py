@@ -28,7 +28,7 @@ def windy(seed: int, mean_mps: float = 8.0, std_gust_mps: float = 1.5) -> Memory
     return bus
 
 
-@pytest.mark.parametrize("seed", [1, 4])
+@pytest.mark.parametrize("seed", [1, pytest.param(4, marks=pytest.mark.slow)])
 def test_a_takeoff_and_a_flight_in_wind_end_while_the_vehicle_sways_about_their_ends(seed: int) -> None:
     flight = Flight(seed, windy)
     flight.wait_ready()
@@ -45,7 +45,7 @@ def test_a_takeoff_and_a_flight_in_wind_end_while_the_vehicle_sways_about_their_
     assert hypot(north_m - 8.0, east_m, down_m + 4.0) < 1.0
 
 
-@pytest.mark.parametrize("seed", [1, 5])
+@pytest.mark.parametrize("seed", [1, pytest.param(5, marks=pytest.mark.slow)])
 def test_a_takeoff_whose_vehicle_is_carried_off_by_gusts_succeeds_when_it_has_come_back(seed: int) -> None:
     """The gusts are stronger than the vehicle: they carry it more than 10 m away, for up to 20 s."""
     flight = Flight(seed, lambda seed: windy(seed, 10.0, 2.0))

@@ -46,11 +46,10 @@ def test_the_table_imports_no_service() -> None:
     assert loaded == ["jezero.services.table"]
 
 
-def test_an_action_has_a_row_of_its_own_but_not_under_the_name_of_a_service(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(table, "action_names", lambda: ("spiral", "recorder"))
+def test_an_action_has_a_row_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(table, "action_names", lambda: ("spiral",))
     rows = services()
     assert (rows["spiral"].name, rows["spiral"].is_action) == ("spiral", True)
-    assert not rows["recorder"].is_action
     assert set(rows) == {row.name for row in SERVICES} - {"actions"} | {"spiral"}
 
 

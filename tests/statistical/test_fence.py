@@ -5,7 +5,7 @@ import pytest
 from benchmarks.quality.fence import BEYOND_MAX_M, FIRST_SEED, push
 
 
-@pytest.mark.parametrize("seed", range(FIRST_SEED, FIRST_SEED + 5))
+@pytest.mark.parametrize("seed", [FIRST_SEED, FIRST_SEED + 1])
 def test_neither_wind_nor_setpoints_carry_the_vehicle_farther_beyond_the_fence_than_the_margin(seed: int) -> None:
     pushed = push(seed)
     assert pushed.hover_m <= BEYOND_MAX_M

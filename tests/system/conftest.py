@@ -17,7 +17,7 @@ import pytest
 from jezero import Unreachable, Vehicle
 from jezero.deploy.launcher.ports import instance_environment, reserved_instance, service_environment
 from jezero.runtime.instance import Instance, socket_of
-from jezero.schemas.state import Status
+from jezero.schemas.state import Status, StatusCode
 from tests.keys.rig import free_port
 from tests.system.bridge_observation import Tap
 
@@ -197,6 +197,15 @@ def wait_for_status(vehicle: Vehicle, condition: Callable[[Status], bool], timeo
     except AssertionError as error:
         status = vehicle.status()
         raise AssertionError(f"{error}; {status.code} {status.name}: {status.text} {status.not_ready_reason}") from None
+
+
+def in_the_air(vehicle: Vehicle, timeout_s: float = 60.0) -> None:
+    """Bring the vehicle into a hover, from any state that the test before has left."""
+    vehicle.wait_ready(timeout_s)
+    wait_for_status(vehicle, lambda s: s.code in (StatusCode.IDLE, StatusCode.HOVER), timeout_s, "at rest")
+    if vehicle.status().code == StatusCode.IDLE:
+        vehicle.takeoff(altitude_m=2.0).result(timeout_s=timeout_s)
+        wait_for_status(vehicle, lambda s: s.code == StatusCode.HOVER, timeout_s, "hovering")
 
 
 @contextmanager

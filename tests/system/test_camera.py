@@ -85,7 +85,7 @@ def test_pictures_and_previews_of_a_real_process_equal_those_of_its_renderer(tmp
     config, vehicle, frame = load_config(CameraConfig, "camera"), load_config(VehicleConfig, "vehicle"), frames[-1]
     at = scene(frame.t_ns)
     view = view_of(at, vehicle.camera.pos_camera_frd_m, (frame.pitch_camera_rad, frame.roll_camera_rad))
-    renderer = make_renderer(config, load_config(SimulatorConfig, "simulator"), vehicle, seed=2)
+    renderer = make_renderer(config, load_config(SimulatorConfig, "simulator").terrain, vehicle, seed=2)
     drawn = np.frombuffer(renderer.picture(at, (view, view, view)), dtype=np.uint8).astype(float)
     shown = np.frombuffer(frame.pixels, dtype=np.uint8).astype(float)
     assert drawn.std() > 30.0

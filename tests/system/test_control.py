@@ -23,13 +23,14 @@ from jezero.schemas import topics
 from jezero.schemas.commands import Acquire, Phase, Setpoint
 from jezero.schemas.rows import Topic
 from jezero.schemas.state import StatusCode
-from tests.system.conftest import Stack, wait_for, wait_for_status
+from tests.system.conftest import Stack, in_the_air, wait_for, wait_for_status
 
 DISARM_WITHIN_S = 30.0
 
 
-def test_of_two_clients_one_is_refused_with_the_reason_and_a_third_aborts(stack: Stack) -> None:
-    with stack.connect() as first, stack.connect() as second, stack.connect() as third:
+def test_of_two_clients_one_is_refused_with_the_reason_and_a_third_aborts(shared_stack: Stack) -> None:
+    # The first test of the file: the vehicle stands on the ground.
+    with shared_stack.connect() as first, shared_stack.connect() as second, shared_stack.connect() as third:
         goal = first.takeoff(altitude_m=5.0)
         start = time.monotonic()
         with pytest.raises(Refused, match=r"(?i)takeoff") as refusal:
@@ -44,11 +45,11 @@ def test_of_two_clients_one_is_refused_with_the_reason_and_a_third_aborts(stack:
 
 
 @pytest.mark.long
-def test_stale_or_foreign_setpoints_are_not_executed(stack: Stack) -> None:
+def test_stale_or_foreign_setpoints_are_not_executed(shared_stack: Stack) -> None:
     """A service sends them: the bridge trusts none of them."""
-    key = topics.key(stack.instance.vehicle, topics.SETPOINT.name)
-    with stack.connect() as vehicle, zenoh.open(client_config(stack.bus)) as session:
-        vehicle.takeoff(altitude_m=2.0).result(timeout_s=60)
+    key = topics.key(shared_stack.instance.vehicle, topics.SETPOINT.name)
+    with shared_stack.connect() as vehicle, zenoh.open(client_config(shared_stack.bus)) as session:
+        in_the_air(vehicle)
         goal = vehicle.go_to(0.0, 0.0, -8.0, speed_mps=0.5)
         wait_for_status(vehicle, lambda s: s.grant > 0, 5, "in charge")
         setpoints: list[bytes] = []
@@ -147,9 +148,9 @@ LIES: dict[Topic[Any], dict[str, Any]] = {
 
 
 @pytest.mark.long
-def test_a_stranger_on_the_vehicles_computer_moves_nothing_and_gets_nothing(stack: Stack) -> None:
-    with stack.connect() as vehicle, Stranger(stack) as stranger:
-        vehicle.takeoff(altitude_m=2.0).result(timeout_s=60)
+def test_a_stranger_on_the_vehicles_computer_moves_nothing_and_gets_nothing(shared_stack: Stack) -> None:
+    with shared_stack.connect() as vehicle, Stranger(shared_stack) as stranger:
+        in_the_air(vehicle)
         before = vehicle.status()
         for north_m in (4.0, 0.0):
             result = vehicle.go_to(north_m, 0.0, -3.0, speed_mps=1.0).result(timeout_s=60)
@@ -163,9 +164,10 @@ def test_a_stranger_on_the_vehicles_computer_moves_nothing_and_gets_nothing(stac
 
 
 @pytest.mark.long
-def test_when_an_action_server_is_killed_its_client_gets_an_error_and_the_vehicle_hovers(stack: Stack) -> None:
-    with stack.connect() as vehicle:
-        vehicle.takeoff(altitude_m=2.0).result(timeout_s=60)
+def test_when_an_action_server_is_killed_its_client_gets_an_error_and_the_vehicle_hovers(shared_stack: Stack) -> None:
+    server = shared_stack.processes()["go_to"]
+    with shared_stack.connect() as vehicle:
+        in_the_air(vehicle)
         goal = vehicle.go_to(10.0, 0.0, -3.0, speed_mps=1.0)
         failed_s: list[float] = []
 
@@ -179,7 +181,7 @@ def test_when_an_action_server_is_killed_its_client_gets_an_error_and_the_vehicl
         wait_for_status(vehicle, lambda s: s.code == StatusCode.GO_TO, 5, "flying to the target")
         time.sleep(1.0)
         killed = time.monotonic()
-        os.kill(stack.processes_cached["go_to"], signal.SIGKILL)
+        os.kill(server, signal.SIGKILL)
         hovering = wait_for_status(vehicle, lambda s: s.code == StatusCode.HOVER, 2.0, "hovering")
         waiter.join(timeout=5)
         assert failed_s and failed_s[0] - killed < 1.0
@@ -195,7 +197,7 @@ def test_when_an_action_server_is_killed_its_client_gets_an_error_and_the_vehicl
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("down_s", [0.3, *(pytest.param(s, marks=pytest.mark.slow) for s in (0.9, 1.5)), 3.0])
+@pytest.mark.parametrize("down_s", [0.3, *(pytest.param(s, marks=pytest.mark.slow) for s in (0.9, 1.5, 3.0))])
 def test_when_the_bridge_dies_the_autopilot_lands_by_itself(
     start_stack: Callable[..., Stack], tmp_path: Path, down_s: float
 ) -> None:

@@ -19,12 +19,12 @@ import pytest
 import yaml
 import zenoh
 
-from jezero import Aborted, Vehicle
+from jezero import Aborted
 from jezero.base.config import config_directory
 from jezero.base.zenoh_client import client_config
 from jezero.schemas import topics
 from jezero.schemas.state import StatusCode
-from tests.system.conftest import ProcessorWait, Stack, has_status, new_stack, wait_for, wait_for_status
+from tests.system.conftest import ProcessorWait, Stack, has_status, in_the_air, new_stack, wait_for, wait_for_status
 
 DETECTED_WITHIN_S = 2.0
 REPLIES_WITHIN_S = 5.0
@@ -89,15 +89,6 @@ def changed(stack: Stack, before: dict[str, int]) -> set[str]:
     """Services whose process is another one than before."""
     after = stack.processes()
     return {name for name, pid in before.items() if after.get(name) != pid}
-
-
-def in_the_air(vehicle: Vehicle) -> None:
-    """Bring the vehicle into a hover, from any state that the test before has left."""
-    vehicle.wait_ready(TIMEOUT_S)
-    wait_for_status(vehicle, lambda s: s.code in (StatusCode.IDLE, StatusCode.HOVER), TIMEOUT_S, "at rest")
-    if vehicle.status().code == StatusCode.IDLE:
-        vehicle.takeoff(altitude_m=2.0).result(timeout_s=TIMEOUT_S)
-        wait_for_status(vehicle, lambda s: s.code == StatusCode.HOVER, TIMEOUT_S, "hovering")
 
 
 def all_reply(session: zenoh.Session, stack: Stack) -> bool:
@@ -256,16 +247,18 @@ def test_after_a_stall_of_the_whole_machine_no_service_is_restarted(shared_stack
     ],
 )
 def test_a_machine_that_stands_still_for_a_moment_costs_no_goal(
-    stack: Stack, still_s: float, between_s: tuple[float, ...]
+    shared_stack: Stack, still_s: float, between_s: tuple[float, ...]
 ) -> None:
     """No process runs for a moment, as in a virtual machine on a busy host, and no vehicle time passes."""
-    with stack.connect() as vehicle:
-        vehicle.takeoff(altitude_m=2.0).result(timeout_s=60)
+    processes = [launcher_of(shared_stack), *shared_stack.processes().values()]
+    with shared_stack.connect() as vehicle:
+        in_the_air(vehicle)
+        vehicle.go_to(0.0, 0.0, -2.0).result(timeout_s=60)
         goal = vehicle.go_to(4.0, 0.0, -2.0)
         wait_for_status(vehicle, lambda s: s.code == StatusCode.GO_TO, 10, "on its way")
         for seconds in between_s:
             time.sleep(seconds)
-            pause([launcher_of(stack), *stack.processes_cached.values()], still_s)
+            pause(processes, still_s)
         goal.result(timeout_s=60)
 
 

@@ -149,11 +149,13 @@ def test_a_flight_is_commanded_over_a_bad_radio_while_a_viewer_watches(on_ground
         elapsed_s, carried = time.monotonic() - begin_s, on_ground.carried_bytes()
         on_ground.ground.jezero("land_on_spot")
     assert on_ground.status(on_ground.vehicle)["landed"] is True
+    assert distance_from_rover_m(on_ground) < ON_ROVER_MAX_M
     assert all(word in "".join(seen) for word in ("TAKEOFF", "GO_TO", "LANDING"))
     for (radio, size), (_, size_before) in zip(carried.items(), before.items(), strict=True):
         print(f"{'–'.join(radio)}: {8e-3 * (size - size_before) / elapsed_s:.0f} kbit/s")
 
 
+@pytest.mark.slow
 def test_the_thesis_mission_is_flown_from_the_ground_over_bad_radios_while_a_viewer_watches(on_ground: Hosts) -> None:
     mission = config_directory().parent / "missions" / "demonstration.yaml"
     with viewer(on_ground) as seen:
@@ -320,7 +322,14 @@ def cut_a_landing(hosts: Hosts, radio: tuple[str, str], phase: str, cut_s: float
     return landing.end()
 
 
-@pytest.mark.parametrize(("radio", "phase"), [(RADIO, "descent"), (ROVER_RADIO, "approach"), (ROVER_RADIO, "descent")])
+@pytest.mark.parametrize(
+    ("radio", "phase"),
+    [
+        (RADIO, "descent"),
+        pytest.param(ROVER_RADIO, "approach", marks=pytest.mark.slow),
+        (ROVER_RADIO, "descent"),
+    ],
+)
 def test_a_landing_goes_on_while_a_radio_is_cut_for_three_seconds(
     on_ground: Hosts, radio: tuple[str, str], phase: str
 ) -> None:

@@ -22,13 +22,13 @@ steps:
   - go_to: {target_ned_m: [2, 0, -3]}
   - land_on_spot
 """
-LONGER_THAN_A_MINUTE = """\
+WATCH = """\
 mission: watch
 on_failure: {retries: 2, then: stop}
 steps:
   - takeoff: {altitude_m: 2}
   - go_to: {target_ned_m: [2, 0, -3]}
-  - wait: 60 # s
+  - wait: 20 # s
   - land_on_spot
 """
 
@@ -70,9 +70,9 @@ def test_a_mission_goes_on_without_its_sender_and_waits_for_a_person_after_a_res
 
 
 @pytest.mark.long
-def test_a_mission_goes_on_while_its_ground_host_is_cut_off_for_a_minute(stack: Stack, tmp_path: Path) -> None:
+def test_a_mission_goes_on_while_its_ground_host_is_cut_off(stack: Stack, tmp_path: Path) -> None:
     file = tmp_path / "watch.yaml"
-    file.write_text(LONGER_THAN_A_MINUTE)
+    file.write_text(WATCH)
     with stack.connect() as vehicle, Relay(int(stack.instance.router.rpartition(":")[2])) as link:
         vehicle.wait_ready()
         ground = {**stack.environment, "JEZERO_ROUTER": f"tcp/127.0.0.1:{link.port}"}

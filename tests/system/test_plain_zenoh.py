@@ -14,7 +14,7 @@ import zenoh
 
 from jezero import JezeroError, Vehicle
 from jezero.schemas.state import StatusCode
-from tests.system.conftest import Stack, wait_for, wait_for_status
+from tests.system.conftest import Stack, in_the_air, wait_for, wait_for_status
 
 PLAIN_CLIENT = """
 import json, sys, zenoh
@@ -32,9 +32,10 @@ assert "jezero" not in sys.modules
 
 
 @pytest.mark.long
-def test_a_plain_zenoh_session_takes_off_with_a_selector_and_gets_streamed_feedback(stack: Stack) -> None:
-    selector = f"jezero/{stack.instance.vehicle}/@action/takeoff?altitude_m=3;_time=[..]"
-    command = [sys.executable, "-c", PLAIN_CLIENT, stack.instance.router, selector]
+def test_a_plain_zenoh_session_takes_off_with_a_selector_and_gets_streamed_feedback(shared_stack: Stack) -> None:
+    # The first test of the file: the vehicle stands on the ground.
+    selector = f"jezero/{shared_stack.instance.vehicle}/@action/takeoff?altitude_m=3;_time=[..]"
+    command = [sys.executable, "-c", PLAIN_CLIENT, shared_stack.instance.router, selector]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as client:
         assert client.stdout is not None
         arrivals = [(time.monotonic(), json.loads(line)) for line in client.stdout]
@@ -45,11 +46,11 @@ def test_a_plain_zenoh_session_takes_off_with_a_selector_and_gets_streamed_feedb
     assert len(kinds) > 20
     assert arrivals[-1][0] - arrivals[1][0] > 2.0  # streamed, not delivered at the end
     assert arrivals[-1][1]["outcome"] == "succeeded"
-    with stack.connect() as vehicle:
+    with shared_stack.connect() as vehicle:
         wait_for_status(vehicle, lambda s: s.code == StatusCode.HOVER, 1.0, "hovering")
         odometry = vehicle.status().odometry
         assert odometry is not None and abs(odometry.pos_uav_ned_m[2] + 3.0) < 0.3
-        pause_resume_and_modify_from_everywhere(stack, vehicle)
+        pause_resume_and_modify_from_everywhere(shared_stack, vehicle)
 
 
 def pause_resume_and_modify_from_everywhere(stack: Stack, vehicle: Vehicle) -> None:
@@ -88,28 +89,29 @@ def zenoh_get(stack: Stack, name: str) -> list[Any]:
 
 
 @pytest.mark.long
-def test_a_running_stack_describes_its_actions_as_the_command_line_does(stack: Stack) -> None:
-    descriptions = {found["name"]: found for found in zenoh_get(stack, "action/*/description")}
-    lines = stack.jezero("info", "actions", "--json").stdout.splitlines()
+def test_a_running_stack_describes_its_actions_as_the_command_line_does(shared_stack: Stack) -> None:
+    descriptions = {found["name"]: found for found in zenoh_get(shared_stack, "action/*/description")}
+    lines = shared_stack.jezero("info", "actions", "--json").stdout.splitlines()
     assert descriptions == {action["name"]: action for action in map(json.loads, lines)}
-    assert zenoh_get(stack, "action/go_to/description") == [descriptions["go_to"]]
+    assert zenoh_get(shared_stack, "action/go_to/description") == [descriptions["go_to"]]
 
 
 @pytest.mark.long
-def test_a_goal_of_an_action_that_does_not_exist_is_refused_with_the_nearest_that_does(stack: Stack) -> None:
-    (refusal,) = zenoh_get(stack, "@action/takeof?altitude_m=3;_time=[..]")
+def test_a_goal_of_an_action_that_does_not_exist_is_refused_with_the_nearest_that_does(shared_stack: Stack) -> None:
+    (refusal,) = zenoh_get(shared_stack, "@action/takeof?altitude_m=3;_time=[..]")
     assert (refusal["type"], refusal["reason"].startswith("there is no action 'takeof'")) == ("rejected", True)
     assert "did you mean 'takeoff'? Known are takeoff, go_to," in refusal["reason"]
-    (plan,) = zenoh_get(stack, "@action/takeof/plan?altitude_m=3")
+    (plan,) = zenoh_get(shared_stack, "@action/takeof/plan?altitude_m=3")
     assert (plan["accepted"], plan["reason"]) == (False, refusal["reason"])
-    (understood,) = zenoh_get(stack, "@action/takeoff?height=3")  # refused by the action server, and by nobody else
+    # Refused by the action server, and by nobody else:
+    (understood,) = zenoh_get(shared_stack, "@action/takeoff?height=3")
     assert "there is no field 'height'; known are altitude_m" in understood["reason"]
 
 
 @pytest.mark.long
-def test_an_action_whose_server_is_gone_is_unreachable_and_not_unknown(stack: Stack) -> None:
-    with stack.connect() as vehicle:
-        os.kill(stack.processes_cached["go_to"], signal.SIGKILL)
+def test_an_action_whose_server_is_gone_is_unreachable_and_not_unknown(shared_stack: Stack) -> None:
+    with shared_stack.connect() as vehicle:
+        os.kill(shared_stack.processes()["go_to"], signal.SIGKILL)
 
         def reason() -> str:
             try:
@@ -122,16 +124,15 @@ def test_an_action_whose_server_is_gone_is_unreachable_and_not_unknown(stack: St
 
 
 @pytest.mark.long
-def test_wildcard_get_put_and_delete_change_nothing(stack: Stack) -> None:
+def test_wildcard_get_put_and_delete_change_nothing(shared_stack: Stack) -> None:
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
-    config.insert_json5("connect/endpoints", json.dumps([stack.instance.router]))
+    config.insert_json5("connect/endpoints", json.dumps([shared_stack.instance.router]))
     config.insert_json5("scouting/multicast/enabled", "false")
-    prefix = f"jezero/{stack.instance.vehicle}"
+    prefix = f"jezero/{shared_stack.instance.vehicle}"
     bodies = [b"{}", b"", b'{"altitude_m": 2}', b"\xff", b'{"confirm": true}']
-    with stack.connect() as vehicle, zenoh.open(config) as session:
-        vehicle.takeoff(altitude_m=2.0).result(timeout_s=60)
-        wait_for_status(vehicle, lambda s: s.code == StatusCode.HOVER, 1.0, "hovering")
+    with shared_stack.connect() as vehicle, zenoh.open(config) as session:
+        in_the_air(vehicle)
         before = vehicle.status()
         for pattern in ("**", f"{prefix}/**", f"{prefix}/*", f"{prefix}/*/*", f"{prefix}/@action/*", f"{prefix}/@*/**"):
             for body in bodies:

@@ -118,7 +118,7 @@ def measured(stack: Stack) -> Iterator[dict[str, float]]:
 @pytest.mark.parametrize(
     ("kinds", "lease_ms"),
     [
-        pytest.param(("stopped",), 0, id="one stopped reader"),
+        pytest.param(("stopped",), 0, id="one stopped reader", marks=pytest.mark.slow),
         pytest.param(("stopped",) * 3, LONG_LEASE_MS, id="three stopped readers with a long lease"),
         pytest.param(("0.3", "0"), 0, id="a slow reader and one that takes everything"),
     ],

@@ -84,8 +84,8 @@ def test_a_question_is_answered_and_a_malformed_one_refused_with_the_reason(echo
     with zenoh.open(client_config(instance.router)) as session:
         wait_for(lambda: bool(ask(session, instance)), 10.0, "an answer")
         assert '"hovering":true' in ask(session, instance, '?reason="x"')[0]
-        assert "not understood" in ask(session, instance, "?colour=red")[0]
-        assert "not understood" in ask(session, instance, "", b"\xff{")[0]
+        assert "there is no field 'colour'" in ask(session, instance, "?colour=red")[0]
+        assert "JSON is malformed" in ask(session, instance, "", b"\xff{")[0]
         assert "both" in ask(session, instance, "?reason=x", b"{}")[0]
 
 

@@ -8,8 +8,9 @@ from typing import Any
 
 import click
 
-from jezero.cli.main import SECTIONS, main
+from jezero.cli.main import main
 from jezero.cli.reference.words import escape, table
+from jezero.cli.sections import SECTIONS
 
 SHARED_MIN = 5
 """Options that at least this number of commands have alike are described once, at the top of the page."""

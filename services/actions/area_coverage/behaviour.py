@@ -15,7 +15,7 @@ from jezero.schemas.goals import AreaCoverageGoal, Corners, CoverageResult, Imag
 from jezero.schemas.images import Image
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.motion.behaviour import Done, Move, Remaining, VehicleState
+from jezero.services.actions.motion.behaviour import Done, Move, Refusal, Remaining, VehicleState
 from jezero.services.actions.motion.capture import Capture
 from jezero.services.actions.motion.rover_frame import loss_reason, rover_position
 from jezero.services.actions.motion.straight_path import StraightPath
@@ -189,7 +189,7 @@ class AreaCoverage:
         """Index of the next picture."""
         return self._first_index + self.capture.taken - self._taken_before
 
-    def changed(self, goal: AreaCoverageGoal) -> AreaCoverageGoal | str:
+    def changed(self, goal: AreaCoverageGoal) -> AreaCoverageGoal | Refusal:
         """The goal of the rest of the flight with changed fields, in the world; or the reason why there is none.
 
         Another area is covered from its begin. In the same area the missing pictures are taken.
@@ -198,17 +198,17 @@ class AreaCoverage:
         if (goal.polygon_ned_m, goal.holes_ned_m) != (before.polygon_ned_m, before.holes_ned_m):
             return _in_world(goal, origin_ned_m, first_picture=0, start_ned_m=None)
         if goal.z_ned_m != before.z_ned_m and goal.resolution_m is None:
-            return (
+            return Refusal(
                 "the lines of an area that is given with an overlap depend on the height: change polygon_ned_m, to the "
                 "area that remains, together with z_ned_m"
             )
         if (goal.angle_rad, goal.picture_distance_m) != (before.angle_rad, before.picture_distance_m):
-            return (
+            return Refusal(
                 "the lines and images of an area keep their direction and distance: change polygon_ned_m, to the area "
                 "that remains, together with angle_rad or picture_distance_m"
             )
         if self._next_picture >= len(self._plan.pictures_m):
-            return "all pictures are taken already"
+            return Refusal("all pictures are taken already")
         start_ned_m = _moved((self._plan.start_m,), self._origin_ned_m)[0]
         return _in_world(goal, origin_ned_m, first_picture=self._next_picture, start_ned_m=start_ned_m)
 

@@ -20,11 +20,12 @@ from jezero.services.actions.area_coverage.area import (
     flight_area,
     repair_area,
 )
+from jezero.services.actions.area_coverage.config import AreaCoverageConfig
 from jezero.services.actions.area_coverage.ground import CoveredGround, photographed_fraction, planned_footprint
 from jezero.services.actions.area_coverage.path import covered_fraction, distance_outside_m, plan_path
 from jezero.services.actions.area_coverage.trajectory import Trajectory, make_trajectory, picture_distances, turn_cuts
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.motion.limits import beyond_limits, low_refusal, speed_refusal
+from jezero.services.actions.motion.limits import high_or_far_refusal, low_refusal, speed_refusal
 
 CUTS = (0.5, 0.25, 0.1)
 """Distances before a corner at which its turn begins, in line distances: wide turns are faster, narrow ones leave out
@@ -156,12 +157,12 @@ def plan_coverage(
     holes_m = [_from(corner_m, hole) for hole in goal.holes_ned_m]
     places = PlaceNames(corner_m, goal.origin_deg)
     repaired = repair_area(_from(corner_m, goal.polygon_ned_m), holes_m, places)
-    if reason := _refusal(goal, config, origin_ned_m):
+    if reason := _refusal(goal, config.vehicle, origin_ned_m):
         raise AreaError(reason)
     across_m, along_m = _distances(goal, config.vehicle.camera)
     ground = flight_area(repaired, across_m, margin_outline_m=goal.margin_outline_m, margin_holes_m=goal.margin_holes_m)
     area = ground.sweep
-    _check_count(area.area / across_m / along_m, f"the area of {area.area:.0f} m² needs about", config)
+    _check_count(area.area / across_m / along_m, f"the area of {area.area:.0f} m² needs about", config.area_coverage)
     start = goal.start_ned_m or start_m
     near_m = None if start is None else _from(corner_m, [start])[0]
     site = _site(ground, across_m, near_m, goal.angle_rad, _motion(goal, config)).moved(corner_m, repaired.warnings)
@@ -241,7 +242,7 @@ def _with_pictures(
     across_m, along_m = _distances(goal, config.vehicle.camera)
     motion = _motion(goal, config)
     at_m = picture_distances(whole.length_m, along_m)
-    _check_count(len(at_m), f"the path of {whole.length_m:.0f} m needs", config)
+    _check_count(len(at_m), f"the path of {whole.length_m:.0f} m needs", config.area_coverage)
     if goal.first_picture >= len(at_m):
         raise AreaError(f"there is no picture {goal.first_picture}: this coverage has {len(at_m)}, counted from 0")
     pictures_m = np.column_stack([np.interp(at_m, whole.distance_m, whole.pos_m[:, k]) for k in (0, 1)])
@@ -252,10 +253,10 @@ def _with_pictures(
         rest = make_trajectory(site.path_m, cut_m=site.cuts_m, **motion, from_m=first_m)
         ground.mark_way(whole.pos_m[whole.distance_m <= first_m])
     lines_rad = _main_direction_rad(whole.pos_m) if goal.angle_rad is None else goal.angle_rad % np.pi
-    photographs = _photographs(goal, config, origin_ned_m, area, pictures_m, lines_rad)
+    photographs = _photographs(goal, config.vehicle.camera, origin_ned_m, area, pictures_m, lines_rad)
     if (reason := photographs.refusal()) and not goal.force:
         raise AreaError(reason)
-    planned = _warnings(goal, config, origin_ned_m, motion["speed_mps"])
+    planned = _warnings(goal, config.vehicle, origin_ned_m, motion["speed_mps"])
     warnings = (*site.warnings, *planned, *photographs.warnings())
     return CoveragePlan(
         area=area,
@@ -275,13 +276,13 @@ def _with_pictures(
     )
 
 
-def _check_count(pictures: float, what: str, config: ActionsConfig) -> None:
+def _check_count(pictures: float, what: str, config: AreaCoverageConfig) -> None:
     """Refuse more pictures than a result can list.
 
     Raises:
         AreaError: there are too many.
     """
-    if pictures > (most := config.area_coverage.pictures_max):
+    if pictures > (most := config.pictures_max):
         raise AreaError(
             f"{what} {np.rint(pictures):.6g} pictures, more than {most}: take a coarser resolution or less overlap, or "
             "map it in parts"
@@ -309,14 +310,13 @@ def _main_direction_rad(path_m: Array) -> float:
 
 def _photographs(
     goal: AreaCoverageGoal,
-    config: ActionsConfig,
+    camera: CameraMountConfig,
     origin_ned_m: Vec3,
     area: Polygon,
     pictures_m: Array,
     lines_rad: float,
 ) -> Photographs:
     """What pictures at these points show of the area."""
-    camera = config.vehicle.camera
     height_m = altitude_m(goal.z_ned_m + origin_ned_m[2])
     footprint_m = planned_footprint(camera, lines_rad, height_m)
     across_px, along_px = _upright_px(camera)
@@ -332,9 +332,9 @@ def _photographs(
     )
 
 
-def _warnings(goal: AreaCoverageGoal, config: ActionsConfig, origin_ned_m: Vec3, speed_mps: float) -> Iterator[str]:
+def _warnings(goal: AreaCoverageGoal, vehicle: VehicleConfig, origin_ned_m: Vec3, speed_mps: float) -> Iterator[str]:
     """What is flown in another way than the goal says, besides what the pictures show."""
-    if goal.force and (unmapped := _map_refusal(goal, config.vehicle, origin_ned_m)):
+    if goal.force and (unmapped := _map_refusal(goal, vehicle, origin_ned_m)):
         yield unmapped
     if goal.speed_mps is not None and speed_mps < goal.speed_mps:
         yield f"flown at {speed_mps:.2g} m/s instead of {goal.speed_mps:g} m/s: the camera takes no more pictures"
@@ -357,17 +357,17 @@ def _from(corner_m: Point, points_m: Sequence[Sequence[float]]) -> list[Point]:
     return [(round(point[0] - corner_m[0], 4), round(point[1] - corner_m[1], 4)) for point in points_m]
 
 
-def _refusal(goal: AreaCoverageGoal, config: ActionsConfig, origin_ned_m: Vec3) -> str:
+def _refusal(goal: AreaCoverageGoal, vehicle: VehicleConfig, origin_ned_m: Vec3) -> str:
     """Reason why a goal's numbers can't be flown, whatever its shape is, or ""."""
-    if reason := low_refusal(goal.z_ned_m, config.vehicle.limits):
+    if reason := low_refusal(goal.z_ned_m, vehicle.limits):
         return reason
     for north_m, east_m in goal.polygon_ned_m:
         corner_ned_m = add((north_m, east_m, goal.z_ned_m), origin_ned_m)
-        if reason := beyond_limits(corner_ned_m, config.vehicle.limits):
+        if reason := high_or_far_refusal(corner_ned_m, vehicle.limits):
             return reason
-    if not goal.force and (reason := _map_refusal(goal, config.vehicle, origin_ned_m)):
+    if not goal.force and (reason := _map_refusal(goal, vehicle, origin_ned_m)):
         return f"{reason}: fly lower, or with force (--force) to take them all the same"
-    return _frame_refusal(goal) or speed_refusal(goal.speed_mps, config.vehicle.limits)
+    return _frame_refusal(goal) or speed_refusal(goal.speed_mps, vehicle.limits)
 
 
 def _frame_refusal(goal: AreaCoverageGoal) -> str:

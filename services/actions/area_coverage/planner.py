@@ -16,12 +16,10 @@ from jezero.base.frames import Vec3, ned_from_geodetic, subtract
 from jezero.schemas.actions import PlannedCoverage
 from jezero.schemas.goals import AreaCoverageGoal, ImagesFeedback
 from jezero.schemas.state import Status
-from jezero.schemas.topics import AREA_COVERAGE, RELATIVE
+from jezero.schemas.topics import RELATIVE
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.area_coverage.behaviour import AreaCoverage, frame_loss, frame_origin_ned_m
-from jezero.services.actions.area_coverage.config import AreaCoverageConfig
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.lifecycle.declaration import ActionDeclaration
 from jezero.services.actions.motion.behaviour import Plan, Preparation, Prepared, Refusal, VehicleState
 from jezero.services.actions.motion.capture import Capture
 from jezero.services.actions.motion.limits import point_refusal, speed_refusal
@@ -128,8 +126,7 @@ vehicle: the whole flight would be elsewhere by this distance. GNSS itself is le
 class AreaCoveragePlanner:
     """Plans coverages within the limits, and keeps the newest plans for goals that name one."""
 
-    def __init__(self, settings: AreaCoverageConfig, config: ActionsConfig) -> None:
-        self._settings = settings
+    def __init__(self, config: ActionsConfig) -> None:
         self._config = config
         self._shown = ShownPlans()
 
@@ -143,7 +140,7 @@ class AreaCoveragePlanner:
         shown = self._shown.find(goal, status) if goal.plan_id else None
         if isinstance(shown, Refusal):
             return shown
-        capture = Capture(self._config.capture, self._config.vehicle, planned=0)
+        capture = Capture(self._config.capture, self._config.vehicle.airframe, planned=0)
         made = None if shown is None else self._prepared(goal, capture, shown)
         return Plan(
             self._preparation(goal, status, capture) if made is None else made.start,
@@ -152,14 +149,14 @@ class AreaCoveragePlanner:
             inputs=(RELATIVE,) if goal.frame == "rover" else (),
             capture=capture,
             rate_hz=self._config.tracking.rate_hz,
-            check_inputs=partial(_check_inputs, goal, capture, shown),
+            check_inputs=partial(_inputs_refusal, goal, capture, shown),
         )
 
     def replan(self, goal: AreaCoverageGoal, status: Status, running: AreaCoverage) -> Plan | Refusal:
         """Plan the rest of a coverage under way, with its missing pictures, or with those of another area."""
         rest = running.changed(goal)
-        if isinstance(rest, str):
-            return Refusal(rest)
+        if isinstance(rest, Refusal):
+            return rest
         limits = self._config.vehicle.limits
         if reason := point_refusal((0.0, 0.0, rest.z_ned_m), limits) or speed_refusal(rest.speed_mps, limits):
             return Refusal(reason)
@@ -248,7 +245,7 @@ def _degrees(position_deg: Sequence[float]) -> str:
     return f"{position_deg[0]:.7f}, {position_deg[1]:.7f}"
 
 
-def _check_inputs(goal: AreaCoverageGoal, capture: Capture, shown: ShownPlan | None, state: VehicleState) -> str:
+def _inputs_refusal(goal: AreaCoverageGoal, capture: Capture, shown: ShownPlan | None, state: VehicleState) -> str:
     """Reason why the goal can't start with these inputs, or ""."""
     if reason := capture.refusal() or frame_loss(goal, state):
         return reason
@@ -273,6 +270,3 @@ def _feedback(goal: AreaCoverageGoal, state: VehicleState) -> ImagesFeedback:
     """Feedback while the path is being planned."""
     pos_ned_m = subtract(state.pos_uav_ned_m, frame_origin_ned_m(goal, state))
     return ImagesFeedback(pos_uav_ned_m=pos_ned_m, frame=goal.frame, phase="planning", taken=0, planned=0)
-
-
-ACTION = ActionDeclaration(action=AREA_COVERAGE, settings=AreaCoverageConfig, planner=AreaCoveragePlanner)

@@ -14,7 +14,6 @@ from jezero.base.frames import Quat, Vec3, add, quat_conjugate, quat_rotate, sca
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import GetImagesGoal, ImagesFeedback, ImagesResult
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.get_images.config import GetImagesConfig
 from jezero.services.actions.motion.arrival import ArrivalDetector
 from jezero.services.actions.motion.behaviour import Done, Move, Remaining, VehicleState
 from jezero.services.actions.motion.capture import Capture
@@ -80,7 +79,6 @@ class GetImages:
         speed_mps: float,
         turn: Turn,
         capture: Capture,
-        settings: GetImagesConfig,
         config: ActionsConfig,
         t_ns: int,
         state: VehicleState,
@@ -89,7 +87,6 @@ class GetImages:
         self._speed_mps = speed_mps
         self._turn = turn
         self.capture = capture
-        self._settings = settings
         self._config = config
         self._yaw_start_rad = state.yaw_rad
         self._flight: OrbitFlight | None = None
@@ -135,7 +132,6 @@ class GetImages:
                 yaw_start_rad=self._yaw_start_rad,
                 turn=self._turn,
                 capture=self.capture,
-                settings=self._settings,
                 config=self._config,
             )
         return self._flight.step(t_ns, state)
@@ -162,7 +158,6 @@ class OrbitFlight:
         yaw_start_rad: float,
         turn: Turn,
         capture: Capture,
-        settings: GetImagesConfig,
         config: ActionsConfig,
     ) -> None:
         self._goal = goal
@@ -180,7 +175,7 @@ class OrbitFlight:
             goal.radius_m,
             self._phase_rad,
             speed_mps,
-            settings.acceleration_mps2,
+            config.get_images.acceleration_mps2,
             max(2.0 * pi - turn.turned_rad, 0.0),
         )
         start_ned_m = self._orbit.at(0.0).pos_ned_m

@@ -7,14 +7,12 @@ from jezero.base.frames import Vec3, add
 from jezero.base.vehicle_config import VehicleLimitsConfig
 from jezero.schemas.goals import GetImagesGoal
 from jezero.schemas.state import Status
-from jezero.schemas.topics import GET_IMAGES, RELATIVE
+from jezero.schemas.topics import RELATIVE
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.get_images.behaviour import GetImages, Turn
-from jezero.services.actions.get_images.config import GetImagesConfig
-from jezero.services.actions.lifecycle.declaration import ActionDeclaration
 from jezero.services.actions.motion.behaviour import Plan, Refusal, VehicleState
 from jezero.services.actions.motion.capture import Capture
-from jezero.services.actions.motion.limits import beyond_limits, distance_refusal, point_refusal, speed_refusal
+from jezero.services.actions.motion.limits import distance_refusal, high_or_far_refusal, point_refusal, speed_refusal
 from jezero.services.actions.motion.rover_frame import loss_reason, rover_position
 
 IMAGES_MAX = 255
@@ -25,15 +23,16 @@ EXPOSURES_PER_PICTURE = 2.0
 class GetImagesPlanner:
     """Plans one turn around a target within the limits."""
 
-    def __init__(self, settings: GetImagesConfig, config: ActionsConfig) -> None:
-        self._settings = settings
+    def __init__(self, config: ActionsConfig) -> None:
         self._config = config
 
     def plan(self, goal: GetImagesGoal, status: Status) -> Plan | Refusal:
         """Plan the turn; its speed is lower than the goal's where the circle is small or has many pictures."""
         if reason := self._shape_refusal(goal):
             return Refusal(reason)
-        capture = Capture(self._config.capture, self._config.vehicle, goal.num_images, stream=goal.stream_images)
+        capture = Capture(
+            self._config.capture, self._config.vehicle.airframe, goal.num_images, stream=goal.stream_images
+        )
         return self._plan(goal, Turn.begin(goal.num_images), capture)
 
     def replan(self, goal: GetImagesGoal, status: Status, running: GetImages) -> Plan | Refusal:
@@ -52,7 +51,7 @@ class GetImagesPlanner:
 
     def _shape_refusal(self, goal: GetImagesGoal) -> str:
         """Reason why no vehicle could fly the goal, with what to change, or ""."""
-        settings, limits = self._settings, self._config.vehicle.limits
+        settings, limits = self._config.get_images, self._config.vehicle.limits
         if not 1 <= goal.num_images <= IMAGES_MAX:
             return f"num_images {goal.num_images} is not within 1 to {IMAGES_MAX}"
         if not goal.radius_m >= settings.radius_min_m:
@@ -68,21 +67,21 @@ class GetImagesPlanner:
         return far_refusal(goal.center_ned_m, goal.radius_m, limits) or speed_refusal(goal.speed_mps, limits)
 
     def _plan(self, goal: GetImagesGoal, turn: Turn, capture: Capture) -> Plan:
-        wanted_mps = self._settings.speed_mps if goal.speed_mps is None else goal.speed_mps
+        wanted_mps = self._config.get_images.speed_mps if goal.speed_mps is None else goal.speed_mps
         speed_mps = min(wanted_mps, self._speed_max_mps(goal, turn))
         slower = (
             f"flown at {speed_mps:.2g} m/s instead of {wanted_mps:g} m/s: the circle is small, or has many pictures"
         )
         return Plan(
-            partial(GetImages, goal, speed_mps, turn, capture, self._settings, self._config),
+            partial(GetImages, goal, speed_mps, turn, capture, self._config),
             warning=slower if goal.speed_mps is not None and speed_mps < wanted_mps else "",
             inputs=(RELATIVE,) if goal.frame == "rover" else (),
             capture=capture,
             rate_hz=self._config.tracking.rate_hz,
-            check_inputs=partial(self._check_inputs, goal, capture),
+            check_inputs=partial(self._inputs_refusal, goal, capture),
         )
 
-    def _check_inputs(self, goal: GetImagesGoal, capture: Capture, state: VehicleState) -> str:
+    def _inputs_refusal(self, goal: GetImagesGoal, capture: Capture, state: VehicleState) -> str:
         """Reason why the goal can't start with these inputs, or ""."""
         if goal.frame == "rover":
             relative = state.relative
@@ -90,7 +89,7 @@ class GetImagesPlanner:
                 return loss_reason(relative)
             center_ned_m = add(goal.center_ned_m, rover_position(state, relative))
             limits = self._config.vehicle.limits
-            if reason := beyond_limits(center_ned_m, limits) or far_refusal(center_ned_m, goal.radius_m, limits):
+            if reason := high_or_far_refusal(center_ned_m, limits) or far_refusal(center_ned_m, goal.radius_m, limits):
                 return reason
         return capture.refusal()
 
@@ -98,7 +97,7 @@ class GetImagesPlanner:
         """Greatest speed that the circle's radius and the camera's rate allow."""
         rate_hz = self._config.vehicle.camera.rate_hz
         spacing_m = turn.spacing_min_rad * goal.radius_m
-        tight_mps = sqrt(self._settings.inwards_max_mps2 * goal.radius_m)
+        tight_mps = sqrt(self._config.get_images.inwards_max_mps2 * goal.radius_m)
         return min(tight_mps, spacing_m * rate_hz / EXPOSURES_PER_PICTURE)
 
 
@@ -108,6 +107,3 @@ def far_refusal(center_ned_m: Vec3, radius_m: float, limits: VehicleLimitsConfig
     if hypot(center_ned_m[0], center_ned_m[1]) < 1e-6:
         return distance_refusal((radius_m, 0.0, 0.0), limits)
     return distance_refusal((factor * center_ned_m[0], factor * center_ned_m[1], 0.0), limits)
-
-
-ACTION = ActionDeclaration(action=GET_IMAGES, settings=GetImagesConfig, planner=GetImagesPlanner)

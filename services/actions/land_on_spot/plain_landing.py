@@ -8,7 +8,7 @@ from jezero.schemas.commands import Phase
 from jezero.schemas.goals import LandFeedback, LandPhase, LandResult
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.land_on_spot.config import LandOnSpotConfig, PlainLandingConfig
+from jezero.services.actions.land_on_spot.config import PlainLandingConfig
 from jezero.services.actions.land_on_spot.contact import (
     CLIMB_MPS,
     DISARM_S,
@@ -53,13 +53,12 @@ class PlainLanding:
     def __init__(
         self,
         spot_ned_m: Vec3,
-        settings: LandOnSpotConfig,
         config: ActionsConfig,
         force: bool,
         t_ns: int,
         state: VehicleState,
     ) -> None:
-        move, altimeter = config.move, config.vehicle.altimeter
+        settings, move, altimeter = config.land_on_spot, config.move, config.vehicle.altimeter
         self._settings = settings.plain
         self._wind_limit = WindLimit(settings.wind_max_mps, force)
         self._go_arounds = GoArounds(settings.go_arounds_max)

@@ -7,13 +7,11 @@ from functools import partial
 
 from jezero.schemas.goals import LandOnSpotGoal
 from jezero.schemas.state import Status
-from jezero.schemas.topics import ALTIMETER, LAND_ON_SPOT, RELATIVE, ROVER_ESTIMATE
+from jezero.schemas.topics import ALTIMETER, RELATIVE, ROVER_ESTIMATE
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.land_on_spot.config import LandOnSpotConfig
 from jezero.services.actions.land_on_spot.landing_watch import wind_refusal
 from jezero.services.actions.land_on_spot.plain_landing import PlainLanding
 from jezero.services.actions.land_on_spot.rover_landing import RoverLanding
-from jezero.services.actions.lifecycle.declaration import ActionDeclaration
 from jezero.services.actions.motion.behaviour import Plan, Refusal, Selection
 from jezero.services.actions.motion.limits import distance_refusal
 
@@ -21,13 +19,12 @@ from jezero.services.actions.motion.limits import distance_refusal
 class LandOnSpotPlanner:
     """Plans the kind of landing that the goal's sensors allow."""
 
-    def __init__(self, settings: LandOnSpotConfig, config: ActionsConfig) -> None:
-        self._settings = settings
+    def __init__(self, config: ActionsConfig) -> None:
         self._config = config
 
     def plan(self, goal: LandOnSpotGoal, status: Status) -> Plan | Refusal:
         """Plan a landing on the rover with UWB or the tag, else on the landing spot."""
-        wind_max_mps = self._settings.wind_max_mps
+        wind_max_mps = self._config.land_on_spot.wind_max_mps
         if not goal.force and (reason := wind_refusal(status.wind_ned_mps, status.std_gust_mps, wind_max_mps)):
             return Refusal(reason)
         return self._on_spot(goal)
@@ -55,17 +52,14 @@ class LandOnSpotPlanner:
             return Refusal(reason)
         if goal.use_tag:
             return self._on_rover(goal, Selection(False, True, spot_ned_m))
-        start = partial(PlainLanding, spot_ned_m, self._settings, self._config, goal.force)
+        start = partial(PlainLanding, spot_ned_m, self._config, goal.force)
         return Plan(start, lands=True, inputs=(ALTIMETER,))
 
     def _on_rover(self, goal: LandOnSpotGoal, selection: Selection, warning: str = "") -> Plan:
         return Plan(
-            partial(RoverLanding, selection, self._settings, self._config.vehicle, goal.force),
+            partial(RoverLanding, selection, self._config.land_on_spot, self._config.vehicle, goal.force),
             warning=warning,
             lands=True,
             inputs=(ALTIMETER, RELATIVE, ROVER_ESTIMATE),
             selection=selection,
         )
-
-
-ACTION = ActionDeclaration(action=LAND_ON_SPOT, settings=LandOnSpotConfig, planner=LandOnSpotPlanner)

@@ -1,4 +1,4 @@
-"""The declaration of an action, by which it becomes a server."""
+"""The declaration of an action that a package adds, by which it becomes a server."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,18 +14,14 @@ Settings = TypeVar("Settings", bound=Config)
 
 @dataclass(frozen=True, kw_only=True)
 class ActionDeclaration(Generic[Settings]):
-    """One action.
+    """One action of a package; jezero's own are in `jezero/services/actions/table.py`.
 
     Attributes:
         action: name, endpoints, and the types of goal, feedback and result.
-        settings: type of the action's own settings.
+        settings: type of the action's own settings, which are in a file of their own.
         planner: makes the planner from the action's own settings and those of all actions.
     """
 
     action: Action[Any]
     settings: type[Settings]
     planner: Callable[[Settings, ActionsConfig], Planner]
-
-    @property
-    def name(self) -> str:
-        return self.action.name

@@ -22,7 +22,7 @@ from jezero.schemas.topics import STATUS
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.lifecycle.vehicle_view import known_fence
 from jezero.services.actions.motion.behaviour import Move, Plan, VehicleState
-from jezero.services.actions.motion.limits import beyond_limits
+from jezero.services.actions.motion.limits import high_or_far_refusal
 
 # -- before the flight --
 
@@ -102,9 +102,9 @@ class FlightProtection:
     def _moved_beyond(self, move: Move, shift_ned_m: Vec3) -> str:
         """Reason why the goal's points are beyond the limits after a step of the autopilot's position, or ""."""
         point_ned_m = move.pos_ned_m
-        if point_ned_m is None or not any(shift_ned_m) or beyond_limits(point_ned_m, self._limits):
+        if point_ned_m is None or not any(shift_ned_m) or high_or_far_refusal(point_ned_m, self._limits):
             return ""
-        beyond = beyond_limits(add(point_ned_m, shift_ned_m), self._limits)
+        beyond = high_or_far_refusal(add(point_ned_m, shift_ned_m), self._limits)
         return f"the autopilot corrected its position, and with it the goal's: {beyond}" if beyond else ""
 
 

@@ -99,7 +99,7 @@ from jezero.services.actions.motion.behaviour import (
     remaining_of,
 )
 from jezero.services.actions.motion.capture import CAPTURE_INPUTS
-from jezero.services.actions.motion.limits import beyond_limits
+from jezero.services.actions.motion.limits import high_or_far_refusal
 
 EXPIRY_S = 30.0
 """Older goals and requests have no effect: what they were for may be over."""
@@ -210,7 +210,7 @@ class ActionServer:
 
     def _handle_plan_request(self, t_ns: int, request: Request, inbox: Inbox) -> Iterator[Output]:
         status, start_ned_m = inbox.latest(STATUS), request.payload.plan_from_ned_m
-        beyond = "" if start_ned_m is None else beyond_limits(start_ned_m, self._config.vehicle.limits)
+        beyond = "" if start_ned_m is None else high_or_far_refusal(start_ned_m, self._config.vehicle.limits)
         if status is not None and start_ned_m is not None:
             status = hovering_at(status, start_ned_m)
         plan = Refusal(f"plan_from_ned_m: {beyond}") if beyond else self._plan_of(t_ns, request.payload, status)
@@ -232,10 +232,10 @@ class ActionServer:
             return "the vehicle's status is unknown: is vehicle_bridge running?"
         if not is_fresh(status, t_ns, STATUS_AGE_MAX_S):
             return f"the vehicle's status is {(t_ns - status.t_ns) / NS_PER_S:.1f} s old: is vehicle_bridge running?"
-        if stale := _staleness("goal", t_ns, goal.issued_t_ns):
+        if stale := _stale_refusal("goal", t_ns, goal.issued_t_ns):
             return stale
         if self._run is not None:
-            return _busy(self._run, self._action.name, status)
+            return _busy_refusal(self._run, self._action.name, status)
         if status.odometry is None:
             return f"the vehicle's position is unknown: {status.not_ready_reason or 'no odometry yet'}"
         return ""
@@ -313,7 +313,7 @@ class ActionServer:
             return CancelReply(canceled=False, reason="the goal is ending already")
         if goal_id not in self._results:
             self._canceled_early.append(goal_id)
-        return CancelReply(canceled=False, reason=self._not_running_reason(goal_id))
+        return CancelReply(canceled=False, reason=self._not_running_refusal(goal_id))
 
     def _change(
         self,
@@ -325,15 +325,15 @@ class ActionServer:
         """Pause, resume or modify the goal; returns the reason why that is impossible, or ""."""
         run = self._run
         if run is None or run.goal_id != wanted.goal_id or run.plan_only:
-            return self._not_running_reason(wanted.goal_id)
-        if stale := _staleness("request", t_ns, wanted.issued_t_ns, run.requested_ns[kind]):
+            return self._not_running_refusal(wanted.goal_id)
+        if stale := _stale_refusal("request", t_ns, wanted.issued_t_ns, run.requested_ns[kind]):
             return stale
         reason = change(run)
         if not reason:
             run.requested_ns[kind] = t_ns if wanted.issued_t_ns is None else wanted.issued_t_ns
         return reason
 
-    def _not_running_reason(self, goal_id: str) -> str:
+    def _not_running_refusal(self, goal_id: str) -> str:
         """Reason why nothing can be done with a goal that doesn't run."""
         if goal_id in self._results:
             return f"the goal has already {self._results[goal_id].outcome}"
@@ -379,7 +379,7 @@ class ActionServer:
         return ResultReply(goal_id=goal_id, action=name, running=False, result=msgspec.json.encode(result).decode())
 
 
-def _busy(run: "GoalRun", action: str, status: Status) -> str:
+def _busy_refusal(run: "GoalRun", action: str, status: Status) -> str:
     """Reason why a goal can't start beside the present one."""
     if run.plan_only:
         return "busy: another goal is being planned; try again in a second"
@@ -389,7 +389,7 @@ def _busy(run: "GoalRun", action: str, status: Status) -> str:
     return f"busy: {words}; cancel it or wait for its result"
 
 
-def _staleness(noun: str, t_ns: int, issued_t_ns: int | None, last_ns: int = 0) -> str:
+def _stale_refusal(noun: str, t_ns: int, issued_t_ns: int | None, last_ns: int = 0) -> str:
     """Reason why a goal or a request is too old, from before a restart, or overtaken by a newer one, or "".
 
     Args:
@@ -871,7 +871,7 @@ class GoalRun:
     def pause(self, t_ns: int, inbox: Inbox) -> str:
         """Pause as soon as the vehicle has braked; returns the reason why the goal can't be paused, or ""."""
         if not self._takes_changes:
-            return self._not_flying_reason
+            return self._not_flying_refusal
         odometry = self._view.odometry(inbox)
         if odometry is None:
             return POSITION_UNKNOWN
@@ -884,7 +884,7 @@ class GoalRun:
     def resume(self) -> str:
         """Go on with a paused goal; returns the reason why it can't go on, or ""."""
         if not self._takes_changes:
-            return self._not_flying_reason
+            return self._not_flying_refusal
         was_wanted, self._pause.wanted = self._pause.wanted, False
         return "" if was_wanted else "the goal is not paused"
 
@@ -892,7 +892,7 @@ class GoalRun:
         """Change fields of the goal; returns the reason why they can't change, or "" where the reply follows later."""
         status = inbox.latest(STATUS)
         if not self._takes_changes or status is None:
-            return self._not_flying_reason
+            return self._not_flying_refusal
         if self._modification is not None:
             return "the goal is being modified: send the request again in a moment"
         goal = changed_goal(self.action, self.goal, wanted.payload.fields)
@@ -901,8 +901,8 @@ class GoalRun:
         first = planner.replan(goal, status, self.behaviour)
         if isinstance(first, Refusal):
             return first.reason
-        if isinstance(refusal := self.brake(t_ns, inbox), str) and refusal:
-            return refusal
+        if isinstance(refusal := self.brake(t_ns, inbox), Refusal):
+            return refusal.reason
         self._modification = Modification(self, wanted.request_id, goal, planner)
         return ""
 
@@ -912,23 +912,23 @@ class GoalRun:
         return self.stage == "flying" and not self._cancel_reason
 
     @property
-    def _not_flying_reason(self) -> str:
+    def _not_flying_refusal(self) -> str:
         """Reason why the goal can be neither paused nor modified."""
         ends = self._cancel_reason or self.stage in ("releasing", "over")
         return "the goal is ending already" if ends else "the goal does not fly yet"
 
-    def brake(self, t_ns: int, inbox: Inbox) -> VehicleState | str:
-        """Stop for a change of the goal; returns the state at rest, "" on the way to it, or why it can't stop."""
+    def brake(self, t_ns: int, inbox: Inbox) -> VehicleState | Refusal | None:
+        """Stop for a change of the goal; returns the state at rest, None until the vehicle has stopped."""
         odometry = self._view.odometry(inbox)
         if odometry is None:
-            return POSITION_UNKNOWN
+            return Refusal(POSITION_UNKNOWN)
         state = self._state(t_ns, inbox, odometry)
         if not self._pause.hovers and (refusal := pause_refusal_of(self.behaviour, state)):
-            return refusal
+            return Refusal(refusal)
         self._pause.changing = True
         waits = self.capture is not None and self.capture.is_waiting
         if not self._pause.hovers or waits or self._move is None:
-            return ""
+            return None
         held_ned_m = self._move.pos_ned_m if self._move.frame is None else None
         return state if held_ned_m is None else msgspec.structs.replace(state, pos_uav_ned_m=held_ned_m)
 
@@ -1159,9 +1159,10 @@ class Modification:
             yield from self._refuse("the goal has ended")
             return
         state = self._run.brake(t_ns, inbox)
-        if isinstance(state, str):
-            if state:
-                yield from self._refuse(state)
+        if isinstance(state, Refusal):
+            yield from self._refuse(state.reason)
+            return
+        if state is None:
             return
         if self._preparing is not None and self._pictures_taken() != self._taken:
             # A point was passed while the vehicle came to rest: the plan would take its picture again.

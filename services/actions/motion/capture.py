@@ -37,7 +37,7 @@ from jezero.base.frames import (
     subtract,
     yaw_from_quat,
 )
-from jezero.base.vehicle_config import VehicleConfig
+from jezero.base.vehicle_config import AirframeConfig
 from jezero.runtime.service import Inbox
 from jezero.schemas.images import Image, ImageReply
 from jezero.schemas.rows import Topic
@@ -92,11 +92,11 @@ class Capture:
         behind_ns: vehicle time minus the goal's own time, in which requests are made; the goal's flight sets it.
     """
 
-    def __init__(self, config: CaptureConfig, vehicle: VehicleConfig, planned: int, *, stream: bool = True) -> None:
+    def __init__(self, config: CaptureConfig, airframe: AirframeConfig, planned: int, *, stream: bool = True) -> None:
         self.planned = planned
         self.behind_ns = 0
         self._config = config
-        self._height_stand_m = vehicle.airframe.height_stand_m
+        self._height_stand_m = airframe.height_stand_m
         self._stream = stream
         self._records: list[_Record] = []
         self._reported = 0

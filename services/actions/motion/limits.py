@@ -9,7 +9,7 @@ SPEED_MIN_MPS = 0.1
 
 def point_refusal(point_ned_m: Vec3, limits: VehicleLimitsConfig) -> str:
     """Reason why the vehicle may not fly to a point, or ""."""
-    return low_refusal(point_ned_m[2], limits) or beyond_limits(point_ned_m, limits)
+    return low_refusal(point_ned_m[2], limits) or high_or_far_refusal(point_ned_m, limits)
 
 
 def low_refusal(z_ned_m: float, limits: VehicleLimitsConfig) -> str:
@@ -22,7 +22,7 @@ def low_refusal(z_ned_m: float, limits: VehicleLimitsConfig) -> str:
     return ""
 
 
-def beyond_limits(point_ned_m: Vec3, limits: VehicleLimitsConfig) -> str:
+def high_or_far_refusal(point_ned_m: Vec3, limits: VehicleLimitsConfig) -> str:
     """Reason why a point is too high or too far away, or ""."""
     up_m = altitude_m(point_ned_m[2])
     if not up_m <= limits.altitude_max_m:

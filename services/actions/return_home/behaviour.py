@@ -14,12 +14,11 @@ from jezero.base.frames import Vec3, distance, dot, horizontal, norm, subtract
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import LandFeedback, ReturnFeedback, ReturnHomeGoal, ReturnPhase, ReturnResult
 from jezero.schemas.state import Status
-from jezero.schemas.topics import ALTIMETER, RELATIVE, RETURN_HOME, ROVER_ESTIMATE
+from jezero.schemas.topics import ALTIMETER, RELATIVE, ROVER_ESTIMATE
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.config import ActionsConfig, ReturnHomeConfig
+from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.land_on_spot.plain_landing import PlainLanding
 from jezero.services.actions.land_on_spot.rover_landing import RoverLanding
-from jezero.services.actions.lifecycle.declaration import ActionDeclaration
 from jezero.services.actions.motion.behaviour import Done, Move, Plan, Refusal, Remaining, Selection, VehicleState
 from jezero.services.actions.motion.limits import speed_refusal
 from jezero.services.actions.motion.straight_path import StraightPath
@@ -55,24 +54,24 @@ class ReturnHome:
         goal: ReturnHomeGoal,
         takeoff_ned_m: Vec3 | None,
         selection: Selection,
-        settings: ReturnHomeConfig,
         config: ActionsConfig,
         t_ns: int,
         state: VehicleState,
     ) -> None:
-        self._settings = settings
         self._config = config
         self._selection = selection
-        self._decision = Decision(goal, settings, config, t_ns, state)
+        self._decision = Decision(goal, config, t_ns, state)
         rally_points_ned_m = [
             point
-            for point in (*settings.rally_points_ned_m, *goal.rally_points_ned_m)
+            for point in (*config.return_home.rally_points_ned_m, *goal.rally_points_ned_m)
             if hypot(*point) <= config.vehicle.limits.distance_max_m
         ]
         self._ground = ground_places(state.pos_uav_ned_m, takeoff_ned_m, rally_points_ned_m)
         self._failures: dict[Place, str] = {}
         """Why the landing failed at each place that was tried."""
-        self._rover: Place | str = rover_place(state.rover, settings.rover_std_max_m, config.vehicle.limits)
+        self._rover: Place | Refusal = rover_place(
+            state.rover, config.return_home.rover_std_max_m, config.vehicle.limits
+        )
         self._rover_ns = t_ns
         """Time at which the rover was last known."""
         self._paths: list[StraightPath] = []
@@ -137,18 +136,18 @@ class ReturnHome:
 
     # -- the decision --
 
-    def _places(self) -> list[Place | str]:
+    def _places(self) -> list[Place | Refusal]:
         """All places, best first; in place of one that can't be flown to, the reason."""
-        rover = f"the rover can't be found: {self._rover}" if isinstance(self._rover, str) else self._rover
-        return [self._failure(place) or place for place in (rover, *self._ground)]
+        rover = self._rover
+        if isinstance(rover, Refusal):
+            rover = Refusal(f"the rover can't be found: {rover.reason}")
+        return [place if isinstance(place, Refusal) else self._judged(place) for place in (rover, *self._ground)]
 
-    def _failure(self, place: Place | str) -> str:
-        """Why the landing failed at a place, or ""."""
-        if isinstance(place, str):
-            return ""
+    def _judged(self, place: Place) -> Place | Refusal:
+        """The place, or why the landing there has failed."""
         where = "on the rover" if place.kind == "rover" else f"at the {place.words}"
         problems = (problem for failed, problem in self._failures.items() if failed.is_same(place))
-        return next((f"no landing {where}: {problem}" for problem in problems), "")
+        return next((Refusal(f"no landing {where}: {problem}") for problem in problems), place)
 
     def _decide(self, t_ns: int, state: VehicleState) -> None:
         """Decide again, and turn to another place, or to where the rover will be."""
@@ -190,7 +189,7 @@ class ReturnHome:
 
     def _update_rover(self, t_ns: int, state: VehicleState) -> None:
         """Follow what is known of the rover: it may drive on, and come into sight on the way to another place."""
-        known = rover_place(state.rover, self._settings.rover_std_max_m, self._config.vehicle.limits)
+        known = rover_place(state.rover, self._config.return_home.rover_std_max_m, self._config.vehicle.limits)
         before = self._rover
         if isinstance(known, Place):
             self._rover, self._rover_ns = known, t_ns
@@ -234,9 +233,9 @@ class ReturnHome:
 
     def _start_landing(self, t_ns: int, state: VehicleState) -> RoverLanding | PlainLanding:
         """Start the landing; neither is ended by the wind, because a hover would only empty the battery."""
-        land = self._config.land_on_spot
         if self._way.place.kind != "rover":
-            return PlainLanding(self._place_ned_m, land, self._config, True, t_ns, state)
+            return PlainLanding(self._place_ned_m, self._config, True, t_ns, state)
+        land = self._config.land_on_spot
         search = replace(land.rover.search, tries=SEARCH_TRIES)
         land = replace(land, rover=replace(land.rover, search=search))
         selection = replace(self._selection, pos_rover_ned_m=self._place_ned_m)
@@ -248,7 +247,7 @@ class ReturnHome:
             searches = isinstance(move.feedback, LandFeedback) and move.feedback.phase == "search"
             if searches and t_ns - self._decided_ns >= DECISION_PERIOD_NS:
                 self._decided_ns = t_ns
-                others = [place for place in self._places() if isinstance(place, str) or place.kind != "rover"]
+                others = [place for place in self._places() if isinstance(place, Refusal) or place.kind != "rover"]
                 if not self._lasts_for_others(t_ns, state, others):
                     return self._go_on_elsewhere(t_ns, state, "the battery does not last for a longer search")
             return self._with_feedback(move, state)
@@ -256,7 +255,7 @@ class ReturnHome:
             return self._go_on_elsewhere(t_ns, state, move.reason)
         return move
 
-    def _lasts_for_others(self, t_ns: int, state: VehicleState, others: list[Place | str]) -> bool:
+    def _lasts_for_others(self, t_ns: int, state: VehicleState, others: list[Place | Refusal]) -> bool:
         """Whether the best of the other places may still be reached a little later."""
         way = self._decision.best(t_ns, state, others, None)
         return self._decision.leaves_reserve(t_ns, state, way, SEARCH_MARGIN_S)
@@ -281,8 +280,7 @@ SELECTION = Selection(use_uwb=True, use_tag=True)
 class ReturnHomePlanner:
     """Plans the way home; the place follows from what is known of the rover when the flight begins."""
 
-    def __init__(self, settings: ReturnHomeConfig, config: ActionsConfig) -> None:
-        self._settings = settings
+    def __init__(self, config: ActionsConfig) -> None:
         self._config = config
 
     def plan(self, goal: ReturnHomeGoal, status: Status) -> Plan | Refusal:
@@ -293,7 +291,7 @@ class ReturnHomePlanner:
         if goal.safe_height_m is not None and goal.safe_height_m > limits.altitude_max_m:
             return Refusal(f"safe_height_m {goal.safe_height_m:g} is above the limit of {limits.altitude_max_m:g} m")
         return Plan(
-            partial(ReturnHome, goal, status.takeoff_ned_m, SELECTION, self._settings, self._config),
+            partial(ReturnHome, goal, status.takeoff_ned_m, SELECTION, self._config),
             lands=True,
             inputs=(ALTIMETER, RELATIVE, ROVER_ESTIMATE),
             selection=SELECTION,
@@ -304,6 +302,3 @@ class ReturnHomePlanner:
 def _wait_for_inputs(state: VehicleState) -> str:
     """Refuse nothing: the vehicle returns with whatever inputs have come."""
     return ""
-
-
-ACTION = ActionDeclaration(action=RETURN_HOME, settings=ReturnHomeConfig, planner=ReturnHomePlanner)

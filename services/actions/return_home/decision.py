@@ -10,19 +10,19 @@ from math import hypot, sqrt
 
 from jezero.base.fence import HOLD_OFF_M, way_refusal
 from jezero.base.frames import Vec3, add, altitude_m, distance, horizontal, norm, scale, subtract, z_ned_m
-from jezero.base.vehicle_config import FlightCost, VehicleConfig, VehicleLimitsConfig, flight_cost
+from jezero.base.vehicle_config import BatteryConfig, FlightCost, VehicleConfig, VehicleLimitsConfig, flight_cost
 from jezero.schemas.estimate import RoverEstimate
 from jezero.schemas.goals import HomePlace, ReturnHomeGoal
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.config import ActionsConfig, ReturnHomeConfig
+from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.land_on_spot.plain_landing import plain_descent_remaining
 from jezero.services.actions.land_on_spot.rover_landing import rover_landing_remaining
-from jezero.services.actions.motion.behaviour import VehicleState
+from jezero.services.actions.motion.behaviour import Refusal, VehicleState
 from jezero.services.actions.motion.config import MoveConfig
 from jezero.services.actions.motion.straight_path import SpeedProfile, straight_speed_mps
 
-NO_TAKEOFF = "nobody knows where the vehicle took off"
-NO_RALLY_POINT = "there is no rally point"
+NO_TAKEOFF = Refusal("nobody knows where the vehicle took off")
+NO_RALLY_POINT = Refusal("there is no rally point")
 STILL: Vec3 = (0.0, 0.0, 0.0)
 
 
@@ -52,7 +52,7 @@ class Place:
         return self.kind == other.kind and (self.kind != "rally_point" or self.pos_ned_m == other.pos_ned_m)
 
 
-def rover_place(rover: RoverEstimate | None, std_max_m: float, limits: VehicleLimitsConfig) -> Place | str:
+def rover_place(rover: RoverEstimate | None, std_max_m: float, limits: VehicleLimitsConfig) -> Place | Refusal:
     """The rover, or the reason why nobody knows where it is.
 
     Args:
@@ -60,24 +60,24 @@ def rover_place(rover: RoverEstimate | None, std_max_m: float, limits: VehicleLi
         limits: a rover beyond them is none: its estimate is wrong, or the vehicle may not follow it.
     """
     if rover is None:
-        return "the estimator is silent"
+        return Refusal("the estimator is silent")
     away_m, height_m = horizontal(rover.pos_rover_ned_m), altitude_m(rover.pos_rover_ned_m[2])
     if away_m > limits.distance_max_m or height_m > limits.altitude_max_m:
         beyond = f"beyond the limits of {limits.distance_max_m:g} m and {limits.altitude_max_m:g} m"
-        return f"its estimated position is {away_m:.0f} m away and {height_m:.0f} m up, {beyond}"
+        return Refusal(f"its estimated position is {away_m:.0f} m away and {height_m:.0f} m up, {beyond}")
     north_mps, east_mps, _ = rover.vel_rover_ned_mps
     if rover.valid:
         note = "the rover is in sight"
     elif rover.std_pos_m <= std_max_m:
         note = f"the rover is out of sight; by its odometry its position is known to {rover.std_pos_m:.1f} m"
     else:
-        return rover.reason or f"its position is known to {rover.std_pos_m:.0f} m"
+        return Refusal(rover.reason or f"its position is known to {rover.std_pos_m:.0f} m")
     return Place("rover", rover.pos_rover_ned_m, note, (north_mps, east_mps, 0.0))
 
 
 def ground_places(
     pos_uav_ned_m: Vec3, takeoff_ned_m: Vec3 | None, rally_points_ned_m: Sequence[tuple[float, float]]
-) -> list[Place | str]:
+) -> list[Place | Refusal]:
     """Places on the ground but for the one below the vehicle, best first; in place of one that is missing, why it is.
 
     Args:
@@ -143,8 +143,8 @@ class Charge:
         goal: has the charge and its use as its sender knows them, for a gauge that is wrong.
     """
 
-    def __init__(self, goal: ReturnHomeGoal, config: ActionsConfig, t_ns: int, state: VehicleState) -> None:
-        self._battery = config.vehicle.battery
+    def __init__(self, goal: ReturnHomeGoal, battery: BatteryConfig, t_ns: int, state: VehicleState) -> None:
+        self._battery = battery
         self._start_ns = t_ns
         reported = None if state.battery is None else state.battery.remaining
         self._start = reported if goal.charge is None else min(goal.charge, 1.0 if reported is None else reported)
@@ -176,19 +176,17 @@ class Decision:
 
     Args:
         goal: of the return.
-        settings: of the action.
-        config: of all actions.
+        config: settings of all actions.
     """
 
-    def __init__(
-        self, goal: ReturnHomeGoal, settings: ReturnHomeConfig, config: ActionsConfig, t_ns: int, state: VehicleState
-    ) -> None:
+    def __init__(self, goal: ReturnHomeGoal, config: ActionsConfig, t_ns: int, state: VehicleState) -> None:
+        settings = config.return_home
         self.speed_mps = goal.speed_mps or settings.speed_mps
         self._safe_height_m = settings.safe_height_m if goal.safe_height_m is None else goal.safe_height_m
-        self._settings, self._config = settings, config
-        self._charge = Charge(goal, config, t_ns, state)
+        self._config = config
+        self._charge = Charge(goal, config.vehicle.battery, t_ns, state)
 
-    def best(self, t_ns: int, state: VehicleState, places: Sequence[Place | str], present: Way | None) -> Way:
+    def best(self, t_ns: int, state: VehicleState, places: Sequence[Place | Refusal], present: Way | None) -> Way:
         """The way to the best place that leaves the reserve; its reason says why better ones are left out.
 
         Args:
@@ -199,15 +197,15 @@ class Decision:
         left_out: list[str] = []
         short: list[Way] = []
         for place in (*places, here(state.pos_uav_ned_m)):  # landing below the vehicle is possible at any time
-            way = place if isinstance(place, str) else self._way(place, state)
-            if isinstance(way, str):
-                left_out.append(way)
+            way = place if isinstance(place, Refusal) else self._way(place, state)
+            if isinstance(way, Refusal):
+                left_out.append(way.reason)
                 continue
             is_present = present is not None and way.place.is_same(present.place)
             margin = SWITCH_MARGIN if present is not None and not is_present else 1.0
             keeps = left is None or left - margin * self._charge.needed(way.cost) >= reserve - RESOLUTION * is_present
             if keeps:
-                return _with_reason(way, left_out)
+                return _with_left_out(way, left_out)
             short.append(way)
             rest = max((left or 0.0) - self._charge.needed(way.cost), 0.0)
             if way.place.kind != "here":
@@ -217,7 +215,7 @@ class Decision:
                 )
         here_needs = self._charge.needed(short[-1].cost)
         best = next(way for way in short if self._charge.needed(way.cost) <= here_needs + SLACK)
-        return _with_reason(best, [text for text in left_out if not text.startswith(f"the {best.place.words} is ")])
+        return _with_left_out(best, [text for text in left_out if not text.startswith(f"the {best.place.words} is ")])
 
     def leaves_reserve(self, t_ns: int, state: VehicleState, way: Way, waiting_s: float) -> bool:
         """Whether a way would still leave the reserve after some more seconds of hovering."""
@@ -251,7 +249,7 @@ class Decision:
             landing = plain_descent_remaining(height_m, land.plain)
         return flight_cost(landing.time_s, place.vel_ned_mps, state.wind_ned_mps or STILL, self._config.vehicle)
 
-    def _way(self, place: Place, state: VehicleState) -> Way | str:
+    def _way(self, place: Place, state: VehicleState) -> Way | Refusal:
         """The way to a place, or the reason why it is left out."""
         left_out = f"the {place.words} is left out: "
         end_ned_m, legs = place.pos_ned_m, FlightCost(0.0, 0.0)
@@ -260,10 +258,11 @@ class Decision:
             now = self._legs_cost(state, corners_ned_m)
             if now is None:
                 wind_mps = horizontal(state.wind_ned_mps or STILL)
-                return f"{left_out}the wind of {wind_mps:.0f} m/s does not let the vehicle come there"
+                return Refusal(f"{left_out}the wind of {wind_mps:.0f} m/s does not let the vehicle come there")
             legs = now
             if legs.time_s > MEETING_MAX_S and horizontal(place.vel_ned_mps) > 0.0:
-                return f"{left_out}it drives at {horizontal(place.vel_ned_mps):.1f} m/s, too fast to be caught up with"
+                speed_mps = horizontal(place.vel_ned_mps)
+                return Refusal(f"{left_out}it drives at {speed_mps:.1f} m/s, too fast to be caught up with")
             then_ned_m = add(place.pos_ned_m, scale(place.vel_ned_mps, legs.time_s))
             moved_m = subtract(then_ned_m, end_ned_m)
             if norm(moved_m) < MEETING_M:
@@ -272,12 +271,12 @@ class Decision:
             end_ned_m = add(end_ned_m, scale(moved_m, 0.5))
         limit_m = self._config.vehicle.limits.distance_max_m
         if horizontal(end_ned_m) > limit_m and place.kind == "rover":
-            return f"{left_out}it drives beyond the limit of {limit_m:g} m"
+            return Refusal(f"{left_out}it drives beyond the limit of {limit_m:g} m")
         if state.fence is not None and place.kind != "here":
             way_ned_m = [state.pos_uav_ned_m, *corners_ned_m, end_ned_m]
             shifted_ned_m = [add(point_ned_m, state.shift_ned_m) for point_ned_m in way_ned_m]
             if refusal := way_refusal(state.fence, shifted_ned_m, from_ground=False, to_ground=True):
-                return left_out + refusal
+                return Refusal(left_out + refusal)
         cost = legs.plus(self._landing_cost(state, place, corners_ned_m))
         return Way(place, end_ned_m, corners_ned_m, cost)
 
@@ -289,8 +288,8 @@ class Decision:
         if state.fence is not None and state.fence.ceiling_m is not None:
             z_ceiling_ned_m = z_ned_m(state.fence.ceiling_m - HOLD_OFF_M) - state.shift_ned_m[2]
             z_top_ned_m = max(z_top_ned_m, min(z_ceiling_ned_m, z_place_ned_m))
-        z_arrival_ned_m = max(z_place_ned_m + z_ned_m(self._settings.height_arrival_m), z_top_ned_m)
-        if hypot(north_m - x, east_m - y) < self._settings.near_m:
+        z_arrival_ned_m = max(z_place_ned_m + z_ned_m(self._config.return_home.height_arrival_m), z_top_ned_m)
+        if hypot(north_m - x, east_m - y) < self._config.return_home.near_m:
             return ((north_m, east_m, z_arrival_ned_m),) if z < z_arrival_ned_m else ()
         z_way_ned_m = max(min(z, z_arrival_ned_m, z_ned_m(self._safe_height_m)), z_top_ned_m)
         corners = [(x, y, z_way_ned_m), (north_m, east_m, z_way_ned_m), (north_m, east_m, z_arrival_ned_m)]
@@ -299,7 +298,7 @@ class Decision:
         return tuple(end for start, end in zip(before, corners, strict=False) if _far(start, end) > reached_m)
 
 
-def _with_reason(way: Way, left_out: Sequence[str]) -> Way:
+def _with_left_out(way: Way, left_out: Sequence[str]) -> Way:
     """A way with the reasons why better ones are left out; several rally points count as one."""
     rally = [text for text in left_out if text.startswith("the rally point is left out")]
     texts = [*(text for text in left_out if text not in rally), *rally[:1]]

@@ -99,15 +99,15 @@ class Commands:
             self._note("warning", goal.warning)
         return ""
 
-    async def plan(self, action: Action[Any], fields: Mapping[str, Any]) -> PlanReply | str:
-        """The plan of a goal that is not flown; the reason when there is none."""
+    async def plan(self, action: Action[Any], fields: Mapping[str, Any]) -> PlanReply:
+        """The plan of a goal that is not flown, or its refusal."""
         uav = self._uav
         if uav is None:
-            return self._problem
+            return PlanReply(accepted=False, reason=self._problem)
         try:
             return await uav.plan(action, **fields)
         except (JezeroError, ValueError) as error:
-            return str(error).removeprefix(f"{action.name}: ")
+            return PlanReply(accepted=False, reason=str(error).removeprefix(f"{action.name}: "))
 
     # -- rover --
 

@@ -367,8 +367,8 @@ class Form:
             self._show_items({"plan": "planning …"})
             found = await self._commands.plan(self.action, goal)
             if self._planned is goal:
-                self._show_refusal(found if isinstance(found, str) else found.reason)
-                self._show_plan(None if isinstance(found, str) else found)
+                self._show_refusal(found.reason)
+                self._show_plan(found if found.accepted else None)
                 if self.plan is not None and self._is_asked:
                     self._ask(Confirmation(goal, self._planned_typed, self.plan, time.monotonic()))
                 return

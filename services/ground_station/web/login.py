@@ -14,7 +14,6 @@ from nicegui.element import Element
 from starlette.middleware.sessions import SessionMiddleware
 
 from jezero.services.ground_station.access import PASSWORD_LENGTH_MAX, Listening, LoginLimiter, Sessions, matches
-from jezero.services.ground_station.config import GroundStationConfig
 from jezero.services.ground_station.web.connections import Inner
 from jezero.services.ground_station.web.elements import STATIC
 from jezero.services.ground_station.words import duration
@@ -35,9 +34,9 @@ class Access:
     so that a log-out and the idle time end it on its open pages too.
     """
 
-    def __init__(self, config: GroundStationConfig, listening: Listening) -> None:
+    def __init__(self, listening: Listening) -> None:
         self._listening = listening
-        self._config = config
+        config = listening.config
         self._sessions = Sessions(config.session_idle_s, config.session_max_s)
         self._limiter = LoginLimiter()
         self._checking = asyncio.Lock()
@@ -66,9 +65,9 @@ class Access:
             inner,
             secret_key=secrets.token_hex(),
             session_cookie=COOKIE,
-            max_age=int(self._config.session_max_s),
+            max_age=int(self._listening.config.session_max_s),
             same_site="strict",
-            https_only=bool(self._listening.certificate),
+            https_only=bool(self._listening.config.certificate),
         )
 
     def add_routes(self, site: FastAPI) -> None:

@@ -15,7 +15,6 @@ from nicegui import app as pages
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.service import Health
 from jezero.services.ground_station.access import Listening, insecurities, listening_socket
-from jezero.services.ground_station.config import GroundStationConfig
 from jezero.services.ground_station.views import robot_shapes
 from jezero.services.ground_station.web.camera_feed import CameraFeed
 from jezero.services.ground_station.web.connections import (
@@ -45,6 +44,7 @@ class PageServer:
     """Serves the pages of one vehicle, in the thread that calls `run`.
 
     Args:
+        listening: where the pages are served, and to whom; its settings are those of the pages too.
         router: the vehicle's router; None to show recordings only.
         recordings: a recording, or a run's folder with recordings; None for none.
 
@@ -57,14 +57,14 @@ class PageServer:
 
     def __init__(
         self,
-        config: GroundStationConfig,
         listening: Listening,
         robot: VehicleConfig,
         vehicle: str,
         router: str | None,
         recordings: Path | None = None,
     ) -> None:
-        self._socket = listening_socket(listening.address, config.port)
+        config = listening.config
+        self._socket = listening_socket(config.listen, config.port)
         self.port: int = self._socket.getsockname()[1]
         self.address = listening.url(self.port)
         self._feed = Feed(vehicle, router or "")
@@ -76,7 +76,7 @@ class PageServer:
         site = FastAPI(lifespan=self._life, docs_url=None, redoc_url=None, openapi_url=None)
         site.add_api_route("/camera.jpg", self._send_picture)
         site.add_api_route("/coverage.webp", self._send_coverage)
-        access = Access(config, listening)
+        access = Access(listening)
         access.add_routes(site)
 
         def show_recording(feed: PlaybackFeed, pictures: str, request: Request) -> None:
@@ -164,8 +164,8 @@ def _server_settings(guarded: Inner, listening: Listening) -> uvicorn.Config:
         headers=RESPONSE_HEADERS,
         log_level="warning",
         timeout_graceful_shutdown=1,
-        ssl_certfile=listening.certificate or None,
-        ssl_keyfile=listening.key or None,
+        ssl_certfile=listening.config.certificate or None,
+        ssl_keyfile=listening.config.key or None,
         ws=WebSocket,
         ws_max_size=BODY_MAX_BYTES,
         ws_ping_interval=None,  # the pages have pings of their own

@@ -22,7 +22,7 @@ from jezero.services.simulator.camera.gl_world import HAZE_PER_M, GlWorld, Place
 from jezero.services.simulator.camera.service import NoEglError
 from jezero.services.simulator.camera.sun import TO_SUN_NED
 from jezero.services.simulator.camera.view import CameraView, half_tangents
-from jezero.services.simulator.config import SimulatorConfig
+from jezero.services.simulator.config import TerrainConfig
 
 NEAR_M, FAR_M = 0.02, 4000.0
 BLUR_FROM_PX = 0.5
@@ -43,7 +43,7 @@ class EglRenderer:
 
     rate_max_hz = 60.0
 
-    def __init__(self, config: SimulatorConfig, vehicle: VehicleConfig, noise: PixelNoise) -> None:
+    def __init__(self, terrain: TerrainConfig, vehicle: VehicleConfig, noise: PixelNoise) -> None:
         try:
             options: dict[str, Any] = {"backend": "egl", "libgl": "libGL.so.1", "libegl": "libEGL.so.1"}
             gl = moderngl.create_context(standalone=True, **options)
@@ -55,7 +55,7 @@ class EglRenderer:
         self._info = info = vehicle.camera.info(0)
         self._noise = noise
         self._clip_from_camera = clip_from_camera(info, NEAR_M, FAR_M)
-        self._world = GlWorld(gl, config, vehicle)
+        self._world = GlWorld(gl, terrain, vehicle)
         self._sky_program = self._world.program("screen.vert", "sky.frag")
         self._sky_program["to_sun"] = TO_SUN_NED
         self._blur_program = self._world.program("screen.vert", "blur.frag")

@@ -19,7 +19,7 @@ from jezero.services.simulator.camera.ground import FINE_SIDE_M, SIDE_M, ground_
 from jezero.services.simulator.camera.meshes import Mesh, rocks_mesh, rover_mesh, uav_mesh
 from jezero.services.simulator.camera.sun import TO_SUN_NED
 from jezero.services.simulator.camera.view import CameraView, half_tangents
-from jezero.services.simulator.config import SimulatorConfig
+from jezero.services.simulator.config import TerrainConfig
 from jezero.services.simulator.terrain import HALF_SIDE_M, POINTS, SPACING_M, Terrain, make_terrain
 
 SHADERS = Path(__file__).with_name("shaders")
@@ -50,12 +50,12 @@ class Placed(NamedTuple):
 class GlWorld:
     """Textures, meshes and programs in one context."""
 
-    def __init__(self, gl: moderngl.Context, config: SimulatorConfig, vehicle: VehicleConfig) -> None:
+    def __init__(self, gl: moderngl.Context, config: TerrainConfig, vehicle: VehicleConfig) -> None:
         self._gl = gl
         self._kept: list[moderngl.Texture] = []
-        terrain = make_terrain(config.terrain)
+        terrain = make_terrain(config)
         self._make_programs(vehicle.platform.side_m)
-        textures = ground_textures(config.terrain)
+        textures = ground_textures(config)
         self._texture(textures.coarse, COARSE_UNIT)
         self._texture(textures.fine, FINE_UNIT)
         self._texture(board_picture(vehicle.platform), BOARD_UNIT)

@@ -8,7 +8,7 @@ from jezero.base.frames import scale as times
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.service import SPEC, CameraSimulator, NoEglError, Renderer
-from jezero.services.simulator.config import SimulatorConfig
+from jezero.services.simulator.config import SimulatorConfig, TerrainConfig
 from jezero.services.simulator.noise import generator
 
 
@@ -20,7 +20,7 @@ def make_camera(config: CameraConfig, simulator: SimulatorConfig, vehicle: Vehic
     """
     made_with = {"config": config, "simulator": simulator, "vehicle": vehicle, "seed": seed}
     vehicle = _with_printed_board(vehicle, config.print_scale)
-    renderer = make_renderer(config, simulator, vehicle, seed) if config.mode == "rendered" else None
+    renderer = make_renderer(config, simulator.terrain, vehicle, seed) if config.mode == "rendered" else None
     if renderer is not None and renderer.rate_max_hz < vehicle.camera.rate_hz:
         slower = msgspec.structs.replace(vehicle.camera, rate_hz=renderer.rate_max_hz)
         vehicle = msgspec.structs.replace(vehicle, camera=slower)
@@ -45,21 +45,21 @@ def _with_printed_board(vehicle: VehicleConfig, scale: float) -> VehicleConfig:
     return replace(vehicle, platform=replace(vehicle.platform, tags=board))
 
 
-def make_renderer(config: CameraConfig, simulator: SimulatorConfig, vehicle: VehicleConfig, seed: int) -> Renderer:
+def make_renderer(config: CameraConfig, terrain: TerrainConfig, vehicle: VehicleConfig, seed: int) -> Renderer:
     """The renderer of the settings, through the lens of the vehicle's camera.
 
     Raises:
         NoEglError: `renderer` is "egl", and there is none.
     """
     if not any(vehicle.camera.distortion):
-        return _make_pinhole(config, simulator, vehicle, seed)
+        return _make_pinhole(config, terrain, vehicle, seed)
     from jezero.services.simulator.camera.through_lens import LensRenderer, pinhole_behind
 
     wide = msgspec.structs.replace(vehicle, camera=pinhole_behind(vehicle.camera))
-    return LensRenderer(_make_pinhole(config, simulator, wide, seed), vehicle.camera, wide.camera)
+    return LensRenderer(_make_pinhole(config, terrain, wide, seed), vehicle.camera, wide.camera)
 
 
-def _make_pinhole(config: CameraConfig, simulator: SimulatorConfig, vehicle: VehicleConfig, seed: int) -> Renderer:
+def _make_pinhole(config: CameraConfig, terrain: TerrainConfig, vehicle: VehicleConfig, seed: int) -> Renderer:
     """The renderer of the settings; the libraries of each renderer are imported only when it is used.
 
     Raises:
@@ -71,10 +71,10 @@ def _make_pinhole(config: CameraConfig, simulator: SimulatorConfig, vehicle: Veh
     noise = PixelNoise(config.std_pixel, generator(seed, "pixels"))
     if config.renderer != "tiny":
         try:
-            return EglRenderer(simulator, vehicle, noise)
+            return EglRenderer(terrain, vehicle, noise)
         except NoEglError:
             if config.renderer == "egl":
                 raise
     from jezero.services.simulator.camera.tiny_renderer import TinyRenderer
 
-    return TinyRenderer(simulator, vehicle, noise)
+    return TinyRenderer(terrain, vehicle, noise)

@@ -5,13 +5,13 @@ import numpy as np
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.services.simulator.camera.egl_renderer import EglRenderer
 from jezero.services.simulator.camera.exposure import Image, PixelNoise
-from jezero.services.simulator.config import SimulatorConfig
+from jezero.services.simulator.config import TerrainConfig
 
 TILE_TEXELS = 1024
 
 
 def make_orthophoto(
-    config: SimulatorConfig,
+    terrain: TerrainConfig,
     vehicle: VehicleConfig,
     middle_m: tuple[float, float],
     side_m: float,
@@ -27,7 +27,7 @@ def make_orthophoto(
     Raises:
         NoEglError: there is no OpenGL.
     """
-    renderer = EglRenderer(config, vehicle, PixelNoise(0.0, np.random.default_rng(0)))
+    renderer = EglRenderer(terrain, vehicle, PixelNoise(0.0, np.random.default_rng(0)))
     texels = max(1, round(side_m / m_per_texel))
     picture = np.empty((texels, texels, 3), dtype=np.uint8)
     corner_north_m, corner_west_m = middle_m[0] + 0.5 * side_m, middle_m[1] - 0.5 * side_m

@@ -22,7 +22,7 @@ from jezero.services.simulator.camera.ground import FINE_SIDE_M, SIDE_M, ground_
 from jezero.services.simulator.camera.meshes import Mesh, rocks_mesh, rover_mesh
 from jezero.services.simulator.camera.sun import TO_SUN_NED
 from jezero.services.simulator.camera.view import CameraView, project
-from jezero.services.simulator.config import SimulatorConfig
+from jezero.services.simulator.config import TerrainConfig
 from jezero.services.simulator.quiet_pybullet import pybullet
 from jezero.services.simulator.terrain import HALF_SIDE_M, POINTS, SPACING_M, Terrain, make_terrain
 
@@ -45,13 +45,13 @@ class TinyRenderer:
         "rendering with PyBullet's TinyRenderer: for better pictures install libegl1, libgl1 and libgl1-mesa-dri"
     )
 
-    def __init__(self, config: SimulatorConfig, vehicle: VehicleConfig, noise: PixelNoise) -> None:
+    def __init__(self, config: TerrainConfig, vehicle: VehicleConfig, noise: PixelNoise) -> None:
         self._info = info = vehicle.camera.info(0)
         self._noise = noise
         self._client = int(pybullet.connect(pybullet.DIRECT))
         weakref.finalize(self, pybullet.disconnect, physicsClientId=self._client)
         self._projection = _projection(info)
-        terrain = make_terrain(config.terrain)
+        terrain = make_terrain(config)
         with tempfile.TemporaryDirectory() as folder:
             self._folder = Path(folder)
             self._add(_ground_mesh(terrain), self._texture(_ground_picture(config)))
@@ -165,9 +165,9 @@ def _ground_mesh(terrain: Terrain) -> Mesh:
 _PICTURE_SIDE_M = 2.0 * FINE_SIDE_M
 
 
-def _ground_picture(config: SimulatorConfig) -> Image:
+def _ground_picture(config: TerrainConfig) -> Image:
     """(2048, 2048, 3) the ground's colours at the map's middle, as the sun lights them."""
-    textures = ground_textures(config.terrain)
+    textures = ground_textures(config)
     texels = 2 * len(textures.fine)
     first, last = (round((0.5 + share * FINE_SIDE_M / SIDE_M) * len(textures.coarse)) for share in (-0.5, 0.5))
     tint = textures.coarse[first:last, first:last]

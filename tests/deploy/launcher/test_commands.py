@@ -7,7 +7,8 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from jezero.cli.main import COMMANDS, main
+from jezero.cli.main import main
+from jezero.cli.sections import COMMANDS
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -8,7 +8,7 @@ from jezero.schemas.actions import Accepted, Result
 from jezero.schemas.goals import GoToGoal
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.lifecycle.server import ActionServer
-from jezero.services.actions.table import DECLARATIONS, action_server
+from jezero.services.actions.table import PLANNERS, action_server
 from tests.services.actions.fake_bridge import FakeBridge
 
 CONFIG = ActionsConfig()
@@ -24,7 +24,7 @@ class World:
         self.bridge = FakeBridge(pos_ned_m)
         self.bus.add(self.bridge)
         self.servers: dict[str, ActionServer] = {}
-        for name in DECLARATIONS:
+        for name in PLANNERS:
             self.servers[name] = action_server(name, 5, CONFIG)
             self.bus.add(self.servers[name])
         self.bus.run_for(0.5)

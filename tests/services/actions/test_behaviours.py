@@ -12,16 +12,15 @@ from msgspec.structs import replace
 from jezero.base.frames import Quat, Vec3, norm, quat_from_euler, wrap_pi
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import GoToGoal, LandOnSpotGoal, LandResult, TakeoffGoal
+from jezero.schemas.rows import Action
 from jezero.schemas.state import Status
+from jezero.schemas.topics import GO_TO, LAND_ON_SPOT, TAKEOFF
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.go_to import ACTION as GO_TO
-from jezero.services.actions.land_on_spot.planner import ACTION as LAND_ON_SPOT
-from jezero.services.actions.lifecycle.declaration import ActionDeclaration
 from jezero.services.actions.motion import straight_path
 from jezero.services.actions.motion.behaviour import Done, Move, Plan, Preparation, Refusal, VehicleState
 from jezero.services.actions.motion.config import MoveConfig
 from jezero.services.actions.motion.straight_path import StraightPath, straight_speed_mps
-from jezero.services.actions.takeoff import ACTION as TAKEOFF
+from jezero.services.actions.table import PLANNERS
 from jezero.services.actions.takeoff import LEAD_M
 from tests.services.actions.fake_bridge import follow
 
@@ -34,19 +33,19 @@ def a_status(code: int) -> Status:
     return Status(t_ns=0, code=code, name="X", armed=False, landed=True, in_charge="none", bridge_boot_id=1, ready=True)
 
 
-def outcome_of(action: ActionDeclaration[Any], goal: Any, code: int = 3) -> Plan | Refusal:
+def outcome_of(action: Action[Any], goal: Any, code: int = 3) -> Plan | Refusal:
     """Plan or refusal of a goal, with the vehicle in the state `code`."""
-    return action.planner(getattr(CONFIG, action.name), CONFIG).plan(goal, a_status(code))
+    return PLANNERS[action.name](CONFIG).plan(goal, a_status(code))
 
 
-def plan_of(action: ActionDeclaration[Any], goal: Any, code: int = 3) -> Plan:
+def plan_of(action: Action[Any], goal: Any, code: int = 3) -> Plan:
     """Plan of a goal that must not be refused."""
     plan = outcome_of(action, goal, code)
     assert isinstance(plan, Plan), plan
     return plan
 
 
-def refusal_of(action: ActionDeclaration[Any], goal: Any) -> str:
+def refusal_of(action: Action[Any], goal: Any) -> str:
     """Reason of a goal that must be refused."""
     refusal = outcome_of(action, goal)
     assert isinstance(refusal, Refusal)
@@ -60,7 +59,7 @@ class Flight:
         moves: all setpoints, with the state they were made in.
     """
 
-    def __init__(self, action: ActionDeclaration[Any], goal: Any, state: VehicleState, code: int = 3) -> None:
+    def __init__(self, action: Action[Any], goal: Any, state: VehicleState, code: int = 3) -> None:
         self.state = state
         self.t_ns = 5_000_000_000
         self.moves: list[tuple[VehicleState, Move]] = []

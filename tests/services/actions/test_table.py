@@ -15,18 +15,13 @@ from jezero.schemas.rows import Action
 from jezero.schemas.topics import ACTIONS
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.lifecycle.declaration import ActionDeclaration
-from jezero.services.actions.table import DECLARATIONS, action_server
+from jezero.services.actions.table import PLANNERS, action_server
 from jezero.services.actions.takeoff import TakeoffPlanner
 
 
-def test_every_action_of_the_contract_has_one_declaration() -> None:
-    assert {name: declaration.action for name, declaration in DECLARATIONS.items()} == ACTIONS
-
-
-def test_every_action_declares_the_type_of_its_settings() -> None:
-    config = ActionsConfig()
-    for name, declaration in DECLARATIONS.items():
-        assert type(getattr(config, name)) is declaration.settings
+def test_every_action_of_the_contract_has_a_planner_and_settings() -> None:
+    assert set(PLANNERS) == set(ACTIONS)
+    assert set(ACTIONS) <= set(ActionsConfig.__struct_fields__)
 
 
 class MineConfig(Config, frozen=True, kw_only=True):
@@ -38,7 +33,7 @@ def test_the_settings_of_a_packages_action_are_recorded_and_replayed(monkeypatch
 
     def planner(settings: MineConfig, config: ActionsConfig) -> Any:
         made.append(settings)
-        return TakeoffPlanner(config.takeoff, config)
+        return TakeoffPlanner(config)
 
     action = Action("mine", GoToGoal, MoveFeedback, MoveResult, Phase.ACTION)
     declaration = ActionDeclaration(action=action, settings=MineConfig, planner=planner)

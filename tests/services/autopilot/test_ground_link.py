@@ -60,7 +60,7 @@ def test_the_health_shows_a_link_without_signatures(
 ) -> None:
     monkeypatch.setenv("JEZERO_INSECURE", "1")
     config = with_signatures(AutopilotConfig(signing=SigningConfig(key=key)), host)
-    autopilot = Autopilot(config, VehicleConfig(), 1, insecurity=insecurity(config, host))
+    autopilot = Autopilot(config, VehicleConfig(), 1, insecurity=insecurity(config.signing, host))
     (health,) = [output for output in autopilot.step(0, Box()) if isinstance(output, Health)]
     assert (f"the MAVLink link to {host} is insecure" in health.text) is shown
 

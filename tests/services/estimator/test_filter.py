@@ -116,3 +116,12 @@ def test_the_order_of_arrival_does_not_matter() -> None:
     assert in_order.estimate is not None and late.estimate is not None
     assert late.estimate.pos_rel_m == pytest.approx(in_order.estimate.pos_rel_m, abs=1e-9)
     assert late.estimate.cov == pytest.approx(in_order.estimate.cov, abs=1e-9)
+
+
+def test_a_prediction_to_an_earlier_time_changes_nothing() -> None:
+    kalman = kalman_at(POS_UAV_M, 0.5)
+    kalman.predict_to(100 * MS)
+    before = kalman.save()
+    kalman.predict_to(60 * MS)
+    assert kalman.t_ns == 100 * MS
+    assert np.array_equal(kalman.x, before.x) and np.array_equal(kalman.P, before.P)

@@ -87,3 +87,11 @@ def test_a_vehicle_that_hovers_finds_the_speed_of_the_rover_too() -> None:
 )
 def test_what_a_path_cannot_show_is_no_contradiction(flight: dict[str, float]) -> None:
     assert after_motion(**flight) == AGREES
+
+
+def test_a_path_is_as_uncertain_as_its_worst_place() -> None:
+    check = MotionCheck()
+    for i in range(20):
+        std_m = 4.0 if i == 10 else 0.02
+        check.add(PathSample(250 * i * MS, (0.2 * i, 0.0), (0.0, 0.25 * i), (0.0, 0.2 * i), std_m))
+    assert check.contradiction == AGREES

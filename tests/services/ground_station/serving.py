@@ -118,9 +118,9 @@ def main() -> None:
 
     router, *words = sys.argv[1:]
     settings = dict(word.split("=") for word in words)
-    config = msgspec.convert(settings, GroundStationConfig, strict=False)
-    listening = Listening(ADDRESS, hash_of(PASSWORD), config.certificate, config.key, frozenset())
-    server = PageServer(config, listening, load_config(VehicleConfig, "vehicle"), "uav1", router)
+    config = msgspec.convert({"listen": ADDRESS, **settings}, GroundStationConfig, strict=False)
+    listening = Listening(config, hash_of(PASSWORD))
+    server = PageServer(listening, load_config(VehicleConfig, "vehicle"), "uav1", router)
     print(server.address, flush=True)
     server.run()
 

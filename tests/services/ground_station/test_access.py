@@ -101,7 +101,7 @@ def test_wrong_settings_get_a_sentence(settings: dict[str, str], sentence: str) 
 )
 def test_requests_that_name_another_machine_are_not_served(address: str, host: str, served: bool) -> None:
     names = frozenset() if address != OUTSIDE else frozenset({"rover.example"})
-    assert Listening(address, "", "", "", names).serves(host) is served
+    assert Listening(GroundStationConfig(listen=address), names=names).serves(host) is served
 
 
 def test_a_busy_port_is_left_and_the_next_free_one_is_taken() -> None:

@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip("nicegui", reason="the extra jezero[ground] is not installed")
 
 from jezero.services.ground_station.access import Listening
+from jezero.services.ground_station.config import GroundStationConfig
 from jezero.services.ground_station.web.connections import (
     BODY_MAX_BYTES,
     REPLY_TIMEOUT_S,
@@ -140,7 +141,7 @@ async def _build_pages() -> None:
     assert built == ["flood 0", "pilot", "login", "watcher", "flood 1", "flood 2"]
 
 
-LISTENING = Listening("127.0.0.1", "", "", "", frozenset())
+LISTENING = Listening(GroundStationConfig())
 
 
 async def _pages(scope: Any, receive: Any, send: Any) -> None:

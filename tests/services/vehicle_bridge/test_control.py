@@ -7,6 +7,7 @@ import pytest
 
 from jezero.base.codec import encode
 from jezero.base.config import load_config
+from jezero.runtime.service import Health
 from jezero.schemas.commands import Abort, Hover, Phase, Release
 from jezero.schemas.state import StatusCode
 from jezero.schemas.topics import ABORT, HOVER, RELEASE
@@ -324,3 +325,18 @@ def test_no_message_that_others_read_has_the_control_id() -> None:
     rig.run(0.2)
     assert rig.status.grant > 0
     assert control_id not in encode(rig.status).decode()
+
+
+def test_the_place_of_the_takeoff_is_in_the_status_while_the_vehicle_is_armed() -> None:
+    rig = Rig().ready()
+    assert rig.status.takeoff_ned_m is None
+    rig.fly()
+    assert rig.status.takeoff_ned_m is not None
+
+
+def test_the_health_of_an_idle_bridge_says_why_the_vehicle_is_not_ready() -> None:
+    rig = Rig().ready()
+    rig.autopilot.armable = False
+    rig.run(2.0)
+    (health,) = [output for output in rig.outputs if isinstance(output, Health)][-1:]
+    assert (health.state, health.text) == ("degraded", rig.status.not_ready_reason) and health.text

@@ -6,7 +6,6 @@ import pytest
 
 from jezero.base.frames import quat_from_euler
 from jezero.schemas.units import NS_PER_S
-from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.flight_monitor import FlightMonitor
 from jezero.services.vehicle_bridge.vehicle import OFFBOARD, Target, VehicleSnapshot
 
@@ -36,9 +35,9 @@ def at(
     )
 
 
-def reason_after(seconds: float, target: Target | None = CLIMB, *, flying: bool = True, **vehicle: Any) -> str | None:
+def reason_after(seconds: float, target: Target | None = CLIMB, *, flying: bool = True, **vehicle: Any) -> str:
     """Reason to cut the motors of a vehicle that has been in the same state for this time."""
-    monitor = FlightMonitor(VehicleBridgeConfig())
+    monitor = FlightMonitor(router_timeout_s=10.0)
     monitor.update(at(0.0), None, flying=False)
     for tenth in range(1, round(10 * seconds) + 1):
         monitor.update(at(tenth / 10, **vehicle), target, flying=flying)
@@ -56,9 +55,8 @@ def reason_after(seconds: float, target: Target | None = CLIMB, *, flying: bool 
     ids=["climb", "sideways", "position", "a path that waits for the vehicle"],
 )
 def test_a_vehicle_near_the_ground_that_does_not_move_to_its_target_is_wedged(target: Target) -> None:
-    assert reason_after(4.5, target) is None
+    assert reason_after(4.5, target) == ""
     reason = reason_after(5.5, target)
-    assert reason is not None
     assert reason.startswith("motors cut: the vehicle is wedged near the ground, tilted by 6 degrees, and has not")
     assert "free it from what holds it" in reason
 
@@ -85,8 +83,8 @@ def test_a_vehicle_near_the_ground_that_does_not_move_to_its_target_is_wedged(ta
     ],
 )
 def test_what_only_looks_like_a_wedge_is_none(target: Target | None, vehicle: dict[str, Any]) -> None:
-    assert reason_after(20.0, target, **vehicle) is None
+    assert reason_after(20.0, target, **vehicle) == ""
 
 
 def test_a_vehicle_that_somebody_else_flies_is_left_alone() -> None:
-    assert reason_after(20.0, flying=False) is None
+    assert reason_after(20.0, flying=False) == ""

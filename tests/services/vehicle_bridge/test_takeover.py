@@ -10,7 +10,13 @@ from jezero.base.frames import Vec3
 from jezero.base.mavlink import MavlinkCodec, dialect
 from jezero.schemas.commands import Hover, Phase
 from jezero.schemas.topics import HOVER
-from jezero.services.vehicle_bridge.takeover import ForeignSetpointDetector, SetpointEcho, UnarmableModeDetector
+from jezero.services.vehicle_bridge.takeover import (
+    OFFBOARD_LEFT_MIN_S,
+    ForeignSetpointDetector,
+    SetpointEcho,
+    TakeoverDetector,
+    UnarmableModeDetector,
+)
 from jezero.services.vehicle_bridge.vehicle import Target, VehicleSnapshot
 from tests.services.vehicle_bridge.rig import CRITICAL, MODES, SECRET, SET_MODE, Rig
 
@@ -395,3 +401,16 @@ def test_a_short_burst_of_foreign_echoes_is_not_detected(ms_long: int) -> None:
     """The autopilot has moved its position in one step, and the bridge has not received it yet."""
     moved = ((3.0, 2.0, -3.0), NONE)
     assert detection_ms(lambda ms: (HERE, moved if 1_000 <= ms < 1_000 + ms_long else ((1.0, 2.0, -3.0), NONE))) == -1
+
+
+def test_an_offboard_mode_that_is_left_for_a_moment_before_arming_is_no_takeover() -> None:
+    """The mode of the autopilot's heartbeat may be older than the command."""
+    detector = TakeoverDetector()
+
+    def at_ms(t_ms: int, mode: str) -> object:
+        vehicle = VehicleSnapshot(t_ns=0, timer_ns=t_ms * MS, armed=False, mode=mode)
+        return detector.before_lift_off(vehicle, arm_commanded=True)
+
+    assert at_ms(0, "OFFBOARD") is None
+    assert at_ms(round(OFFBOARD_LEFT_MIN_S * 1e3) - 20, "AUTO.LOITER") is None
+    assert at_ms(round(OFFBOARD_LEFT_MIN_S * 1e3) + 20, "AUTO.LOITER") is not None

@@ -13,9 +13,9 @@ from jezero.schemas.actions import Accepted, Cancel, Feedback, Rejected, Result
 from jezero.schemas.estimate import Relative
 from jezero.schemas.goals import AreaCoverageGoal, CoverageResult
 from jezero.schemas.state import StatusCode
+from jezero.schemas.topics import AREA_COVERAGE
 from jezero.services.actions.area_coverage.behaviour import AreaCoverage
 from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
-from jezero.services.actions.area_coverage.planner import ACTION as AREA_COVERAGE
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.motion.behaviour import Behaviour, Done, Preparation, Refusal, VehicleState
 from jezero.services.actions.table import action_server
@@ -239,7 +239,7 @@ def test_the_direction_and_the_images_of_an_area_under_way_change_with_the_area_
     assert isinstance(running, AreaCoverage)
     for fields in ({"angle_rad": 1.0}, {"picture_distance_m": 0.25}):
         refusal = running.changed(replace(GOAL, **fields))
-        assert isinstance(refusal, str) and "keep their direction and distance" in refusal
+        assert isinstance(refusal, Refusal) and "keep their direction and distance" in refusal.reason
         elsewhere = running.changed(replace(GOAL, polygon_ned_m=SQUARE[:3], **fields))
         assert isinstance(elsewhere, AreaCoverageGoal)
     assert isinstance(running.changed(replace(GOAL, speed_mps=0.5)), AreaCoverageGoal)

@@ -37,7 +37,7 @@ def plan(status: Status, *around: float) -> Plan | Refusal:
     """Plan or refusal of an area that was placed around a latitude and longitude, or of one in metres."""
     config = ActionsConfig()
     goal = GOAL if not around else msgspec.structs.replace(GOAL, origin_deg=around)
-    return AreaCoveragePlanner(config.area_coverage, config).plan(goal, status)
+    return AreaCoveragePlanner(config).plan(goal, status)
 
 
 def reason(status: Status, *around: float) -> str:

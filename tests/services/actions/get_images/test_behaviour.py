@@ -13,8 +13,8 @@ from jezero.base.frames import Vec3, frd_from_camera, quat_from_euler, quat_rota
 from jezero.schemas.commands import Phase
 from jezero.schemas.estimate import Relative
 from jezero.schemas.goals import GetImagesGoal, ImagesFeedback
+from jezero.schemas.topics import GET_IMAGES
 from jezero.services.actions.get_images.behaviour import Orbit, aim, facing, nearest_phase
-from jezero.services.actions.get_images.planner import ACTION as GET_IMAGES
 from jezero.services.actions.motion.behaviour import Done, Move, Preparation, VehicleState
 from jezero.services.actions.motion.straight_path import TimedStraightPath
 from tests.services.actions.fake_bridge import follow

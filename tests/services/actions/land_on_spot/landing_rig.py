@@ -7,8 +7,8 @@ from random import Random
 from jezero.base.frames import Quat, Vec3, add, scale, subtract
 from jezero.schemas.estimate import Relative, RoverEstimate
 from jezero.schemas.goals import LandOnSpotGoal
+from jezero.schemas.topics import LAND_ON_SPOT
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.land_on_spot.planner import ACTION as LAND_ON_SPOT
 from jezero.services.actions.motion.behaviour import Done, Move, Preparation, VehicleState
 from tests.services.actions.fake_bridge import follow
 from tests.services.actions.test_behaviours import plan_of

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from jezero.base.frames import Quat
-from jezero.base.vehicle_config import AirframeConfig
+from jezero.base.vehicle_config import AirframeConfig, PlatformConfig, VehicleConfig
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.land_on_spot.contact import (
     LEAN_S,
@@ -17,10 +17,12 @@ from jezero.services.actions.land_on_spot.contact import (
     ContactWatcher,
     GoArounds,
     OnSurface,
+    TouchdownDetector,
     feet_from_uav_ned_m,
     foot_drop_m,
     level_acc_ned_mps2,
 )
+from jezero.services.actions.land_on_spot.platform import PlatformState
 from jezero.services.actions.motion.behaviour import VehicleState
 
 ROOM_M = 0.3
@@ -140,3 +142,14 @@ def test_a_landing_ends_after_the_last_go_around_and_names_the_slope_or_the_wind
     go_arounds.begin(NS_PER_S, "slides", leaning)
     windy = msgspec.structs.replace(leaning, wind_ned_mps=(6.0, 8.0, 0.0), std_gust_mps=2.0)
     assert "the wind is 10.0 m/s with gusts to 12.0 m/s" in go_arounds.abort_reason(windy)
+
+
+@pytest.mark.parametrize(("off_m", "touched_down"), [(0.6, True), (0.8, False)])
+def test_a_vehicle_that_rests_beside_the_platform_has_not_touched_down_on_it(off_m: float, touched_down: bool) -> None:
+    """The platform reaches 0.7 m to each side."""
+    at_rest = PlatformState((off_m, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
+    vehicle = msgspec.structs.replace(VehicleConfig(), platform=PlatformConfig(side_m=1.4))
+    detector, found = TouchdownDetector(vehicle), []
+    for step in range(200):
+        found.append(detector.update(step * 20_000_000, at_rest, None))
+    assert found[-1] is touched_down and not found[0]

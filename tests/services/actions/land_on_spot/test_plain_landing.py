@@ -1,18 +1,25 @@
 """A landing on a spot by the vehicle's own position: its climbs before the approach and after a slide, and a tilt over
 what it touches."""
 
+from math import hypot
+
 import pytest
 
 from jezero.base.frames import Quat, Vec3, quat_from_euler
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.land_on_spot.config import LandOnSpotConfig, PlainLandingConfig
-from jezero.services.actions.land_on_spot.plain_landing import PlainLanding, TiltContactDetector
+from jezero.services.actions.land_on_spot.plain_landing import (
+    SPEED_HORIZONTAL_MAX_MPS,
+    PlainLanding,
+    TiltContactDetector,
+)
 from jezero.services.actions.motion.behaviour import Move, VehicleState
 
 S = 1_000_000_000
 DT_NS = 20_000_000
 STILL: Vec3 = (0.0, 0.0, 0.0)
 SETTINGS = LandOnSpotConfig(plain=PlainLandingConfig(approach_height_min_m=1.5))
+CONFIG = ActionsConfig(land_on_spot=SETTINGS)
 
 
 def at(pos_ned_m: Vec3, height_m: float | None, vel_ned_mps: Vec3 = STILL) -> VehicleState:
@@ -20,7 +27,7 @@ def at(pos_ned_m: Vec3, height_m: float | None, vel_ned_mps: Vec3 = STILL) -> Ve
 
 
 def landing(spot_ned_m: Vec3, state: VehicleState) -> PlainLanding:
-    return PlainLanding(spot_ned_m, SETTINGS, ActionsConfig(), force=False, t_ns=0, state=state)
+    return PlainLanding(spot_ned_m, CONFIG, force=False, t_ns=0, state=state)
 
 
 @pytest.mark.parametrize(
@@ -109,3 +116,37 @@ def test_a_tilt_counts_as_contact_above_ten_degrees_more_than_in_the_air_in_a_de
             found.append(detector.update(t_ns, state, 0.5))
     assert found[-1] is tilts
     assert not any(found[:200]), "in the air"
+
+
+def test_a_short_tilt_in_the_air_is_no_wind_yet() -> None:
+    """0.2 s of 0.2 rad pass a filter of 0.5 s with a third."""
+    detector, level = TiltContactDetector(), (1.0, 0.0, 0.0, 0.0)
+    for t_ns in range(DT_NS, 4 * S + 10 * DT_NS, DT_NS):
+        q = tilted(0.2, sideways=False) if t_ns > 4 * S else level
+        detector.update(t_ns, VehicleState(STILL, (0.0, 0.0, 0.5), q, armed=True, landed=False), 0.5)
+    assert 0.03 < hypot(*detector.free_down_ned) < 0.09
+
+
+def descending() -> PlainLanding:
+    """A landing that has begun to descend from 5 m over the origin."""
+    behaviour, t_ns = landing(STILL, at((0.0, 0.0, -5.0), 5.0)), 0
+    while behaviour.approaches:
+        t_ns += DT_NS
+        behaviour.step(t_ns, at((0.0, 0.0, -5.0), 5.0))
+    return behaviour
+
+
+@pytest.mark.parametrize(("height_m", "way_m"), [(5.0, 5.0), (0.2, 0.2), (-0.1, 0.0)])
+def test_what_remains_of_a_descent_is_the_way_down(height_m: float, way_m: float) -> None:
+    remaining = descending().remaining(at((0.0, 0.0, -5.0), height_m))
+    assert remaining.distance_m == way_m
+    assert remaining.time_s > way_m / SETTINGS.plain.speed_high_mps
+
+
+@pytest.mark.parametrize("off_m", [0.1, -0.2, 30.0])
+def test_a_descent_comes_back_to_its_spot_without_overshoot_and_not_faster_than_it_may(off_m: float) -> None:
+    behaviour = descending()
+    move = behaviour.step(20 * S, at((off_m, 0.0, -4.0), 4.0))
+    assert isinstance(move, Move) and move.vel_ned_mps is not None
+    back_mps = -move.vel_ned_mps[0] if off_m > 0.0 else move.vel_ned_mps[0]
+    assert 0.0 < back_mps <= min(abs(off_m) / 1.0, SPEED_HORIZONTAL_MAX_MPS) + 1e-9

@@ -7,8 +7,8 @@ import pytest
 
 from jezero.base.frames import add, altitude_m, subtract
 from jezero.schemas.goals import LandOnSpotGoal
+from jezero.schemas.topics import LAND_ON_SPOT
 from jezero.services.actions.land_on_spot.contact import FORCE_S
-from jezero.services.actions.land_on_spot.planner import ACTION as LAND_ON_SPOT
 from jezero.services.actions.land_on_spot.platform import (
     AT_ONCE_BELOW_M,
     COMMIT_M,
@@ -357,3 +357,13 @@ def test_by_the_tag_alone_it_stays_so_high_on_its_way_that_the_tag_is_in_view() 
         far, over = (PlatformState((away_m, 0.0, -6.0), STILL, STILL, 0.0) for away_m in (10.0, 0.0))
         assert (behaviour._approach_mps(far, None) > 0.0) is descends
         assert behaviour._approach_mps(over, None) > 0.0
+
+
+def test_the_path_leads_from_the_vehicle_to_above_the_platform_and_down_to_it() -> None:
+    landing = Landing(BOTH)
+    landing.run(0.1)
+    assert isinstance(landing.behaviour, RoverLanding)
+    here, above, platform = landing.behaviour.path(landing.state())
+    assert here == landing.pos_m
+    assert platform == pytest.approx(DECK_NED_M, abs=0.05)
+    assert above[:2] == platform[:2] and platform[2] - above[2] > 1.0

@@ -197,7 +197,7 @@ def test_a_step_that_returns_what_can_not_be_used_aborts_the_goal(move: Any, sen
     assert done.reason.startswith("spiral failed in step: ") and sentence in done.reason
 
 
-CAPTURE = Capture(ActionsConfig().capture, ActionsConfig().vehicle, 1)
+CAPTURE = Capture(ActionsConfig().capture, ActionsConfig().vehicle.airframe, 1)
 START: Any = Returns()
 
 

@@ -273,3 +273,14 @@ def test_a_goal_ends_exactly_once_whatever_happens(faults: list[tuple[float, str
     sent = len(setpoints)
     bus.run_for(1.0)
     assert len(setpoints) == sent
+
+
+def test_a_second_cancel_reads_that_the_goal_is_ending_already() -> None:
+    world = World()
+    goal = world.flying()
+    world.bridge.lost_releases = 10_000
+    first, second = (world.bus.send_request(topics.GO_TO.cancel, Cancel(goal_id="far")) for _ in range(2))
+    world.bus.run_for(0.1)
+    assert not goal.ended
+    assert [each.replies[0].canceled for each in (first, second)] == [True, False]
+    assert second.replies[0].reason == "the goal is ending already"

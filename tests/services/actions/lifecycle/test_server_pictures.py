@@ -52,7 +52,7 @@ class SnapPlanner:
     """Plans as many pictures as the goal wants."""
 
     def plan(self, goal: GetImagesGoal, status: Status) -> Plan:
-        capture = Capture(CONFIG.capture, CONFIG.vehicle, goal.num_images, stream=goal.stream_images)
+        capture = Capture(CONFIG.capture, CONFIG.vehicle.airframe, goal.num_images, stream=goal.stream_images)
         return Plan(partial(Snap, capture), capture=capture, check_inputs=lambda state: capture.refusal())
 
 

@@ -15,7 +15,7 @@ from jezero.schemas.goals import GoToGoal
 from jezero.schemas.state import Status
 from jezero.services.actions.lifecycle.server import PREPARE_TIMEOUT_S, ActionServer
 from jezero.services.actions.motion.behaviour import Plan, Preparation, Prepared, Refusal
-from jezero.services.actions.table import find_declaration, settings_of
+from jezero.services.actions.table import PLANNERS
 from tests.services.actions.fake_bridge import FakeBridge
 from tests.services.actions.rig import CONFIG
 
@@ -27,8 +27,7 @@ class PreparedGoTo:
     """Plans flights to a point, after some work."""
 
     def __init__(self, work: Callable[[], Any]) -> None:
-        declaration = find_declaration("go_to")
-        self._planner = declaration.planner(settings_of(declaration, CONFIG), CONFIG)
+        self._planner = PLANNERS["go_to"](CONFIG)
         self._work = work
 
     def plan(self, goal: Any, status: Status) -> Plan | Refusal:

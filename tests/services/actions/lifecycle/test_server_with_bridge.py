@@ -18,7 +18,7 @@ from jezero.schemas.goals import GoToGoal, LandOnSpotGoal, TakeoffGoal
 from jezero.schemas.sensors import Altimeter
 from jezero.schemas.state import Clock, Status
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.table import DECLARATIONS, action_server
+from jezero.services.actions.table import PLANNERS, action_server
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.service import VehicleBridge
 from tests.services.actions.fake_bridge import follow
@@ -88,7 +88,7 @@ class World:
         self.bus.add(self.mass)
         self.bus.add(VehicleBridge(VehicleBridgeConfig(), VehicleConfig(), system_id=1, boot_id=0xB0, secret="s"))
         self.bus.wire(("point_mass", "offboard"), ("vehicle_bridge", "autopilot"), UDP_DELAY)
-        for name in DECLARATIONS:
+        for name in PLANNERS:
             self.bus.add(action_server(name, 5, ActionsConfig()))
         assert self.bus.run_for(10.0, lambda: self.status is not None and self.status.ready)
 

@@ -9,7 +9,7 @@ import pytest
 
 from jezero.base.codec import encode
 from jezero.base.frames import geodetic_from_ned, quat_from_euler
-from jezero.base.vehicle_config import VehicleConfig
+from jezero.base.vehicle_config import AirframeConfig
 from jezero.runtime.node import Mailbox
 from jezero.runtime.process import Worker
 from jezero.schemas import topics
@@ -43,7 +43,7 @@ class Feeder:
     """A capture, and messages that come to it."""
 
     def __init__(self, planned: int = 3, *, stream: bool = True) -> None:
-        self.capture = Capture(CaptureConfig(), VehicleConfig(), planned, stream=stream)
+        self.capture = Capture(CaptureConfig(), AirframeConfig(), planned, stream=stream)
         self.inbox = Mailbox(())
         self.shots: list[Shot] = []
 

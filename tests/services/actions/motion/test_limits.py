@@ -7,17 +7,14 @@ import pytest
 from jezero.base.frames import Vec3
 from jezero.base.vehicle_config import VehicleLimitsConfig
 from jezero.schemas.goals import AreaCoverageGoal, GetImagesGoal, GoToGoal, TakeoffGoal
-from jezero.services.actions.area_coverage.planner import ACTION as AREA_COVERAGE
-from jezero.services.actions.get_images.planner import ACTION as GET_IMAGES
-from jezero.services.actions.go_to import ACTION as GO_TO
-from jezero.services.actions.lifecycle.declaration import ActionDeclaration
+from jezero.schemas.rows import Action
+from jezero.schemas.topics import AREA_COVERAGE, GET_IMAGES, GO_TO, TAKEOFF
 from jezero.services.actions.motion.limits import point_refusal
-from jezero.services.actions.takeoff import ACTION as TAKEOFF
 from tests.services.actions.test_behaviours import refusal_of
 
 LOW = -0.3
 TRIANGLE = ((0.0, 0.0), (4.0, 0.0), (0.0, 4.0))
-LOW_GOALS: list[tuple[ActionDeclaration[Any], Any]] = [
+LOW_GOALS: list[tuple[Action[Any], Any]] = [
     (GO_TO, GoToGoal(target_ned_m=(1.0, 0.0, LOW))),
     (GO_TO, GoToGoal(target_ned_m=(1.0, 0.0, LOW), frame="rover")),
     (GET_IMAGES, GetImagesGoal(center_ned_m=(0.0, 0.0, LOW), radius_m=2.0, num_images=4)),
@@ -28,9 +25,7 @@ LOW_GOALS: list[tuple[ActionDeclaration[Any], Any]] = [
 
 
 @pytest.mark.parametrize(("action", "goal"), LOW_GOALS)
-def test_every_kind_of_goal_that_is_too_low_is_refused_with_both_numbers(
-    action: ActionDeclaration[Any], goal: Any
-) -> None:
+def test_every_kind_of_goal_that_is_too_low_is_refused_with_both_numbers(action: Action[Any], goal: Any) -> None:
     assert "z = -0.3 m is 0.3 m up, below the limit of 0.5 m" in refusal_of(action, goal)
 
 

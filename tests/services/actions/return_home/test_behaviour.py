@@ -31,7 +31,7 @@ def state_with_rover(pos_rover_ned_m: Vec3) -> VehicleState:
 
 
 def return_to(state: VehicleState) -> ReturnHome:
-    return ReturnHome(ReturnHomeGoal(), (0.0, 0.0, 0.0), SELECTION, ReturnHomeConfig(), ActionsConfig(), 0, state)
+    return ReturnHome(ReturnHomeGoal(), (0.0, 0.0, 0.0), SELECTION, ActionsConfig(), 0, state)
 
 
 def highest_m(flight: ReturnHome, state: VehicleState) -> float:
@@ -77,7 +77,7 @@ def place_of_return(
     state = VehicleState(HERE, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), True, False, fence=Fence(keep_out=(WALL,)))
     goal = ReturnHomeGoal(rally_points_ned_m=of_goal_ned_m)
     settings = ReturnHomeConfig(rally_points_ned_m=rally_points_ned_m)
-    flight = ReturnHome(goal, takeoff_ned_m, SELECTION, settings, ActionsConfig(), 0, state)
+    flight = ReturnHome(goal, takeoff_ned_m, SELECTION, ActionsConfig(return_home=settings), 0, state)
     return flight.result(False, HERE)
 
 

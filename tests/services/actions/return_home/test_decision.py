@@ -7,9 +7,9 @@ from jezero.base.frames import Vec3
 from jezero.schemas.fence import Fence, Zone
 from jezero.schemas.goals import ReturnHomeGoal
 from jezero.schemas.state import Battery
-from jezero.services.actions.config import ActionsConfig, ReturnHomeConfig
+from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.land_on_spot.rover_landing import rover_landing_remaining
-from jezero.services.actions.motion.behaviour import VehicleState
+from jezero.services.actions.motion.behaviour import Refusal, VehicleState
 from jezero.services.actions.return_home.decision import Decision, Place, Way
 
 HERE = (100.0, 0.0, -10.0)
@@ -28,12 +28,12 @@ def state(charge: float | None = None, **fields: object) -> VehicleState:
 
 def decide(
     now: VehicleState,
-    *places: Place | str,
+    *places: Place | Refusal,
     goal: ReturnHomeGoal | None = None,
     present: Way | None = None,
     t_ns: int = 0,
 ) -> Way:
-    decision = Decision(goal or ReturnHomeGoal(), ReturnHomeConfig(), ActionsConfig(), 0, now)
+    decision = Decision(goal or ReturnHomeGoal(), ActionsConfig(), 0, now)
     return decision.best(t_ns, now, places or (ROVER, TAKEOFF), present)
 
 

@@ -6,6 +6,7 @@ from msgspec.structs import replace
 from jezero.base.frames import Vec3
 from jezero.base.vehicle_config import VehicleLimitsConfig
 from jezero.schemas.estimate import RoverEstimate
+from jezero.services.actions.motion.behaviour import Refusal
 from jezero.services.actions.return_home.decision import Place, ground_places, rover_place
 
 HERE = (30.0, 40.0, -10.0)
@@ -37,14 +38,14 @@ def test_a_rover_in_sight_and_one_that_its_odometry_knows_well_enough_are_places
     [(None, "the estimator is silent"), (rover(valid=False, std_m=10.1), "nothing measured by UWB for 9 s")],
 )
 def test_a_rover_that_nobody_knows_is_no_place_but_a_reason(estimate: RoverEstimate | None, reason: str) -> None:
-    assert rover_place(estimate, 10.0, LIMITS) == reason
+    assert rover_place(estimate, 10.0, LIMITS) == Refusal(reason)
 
 
 @pytest.mark.parametrize("pos_ned_m", [(-9646.0, 16649.0, -0.5), (5.0, 6.0, -157.0)])
 @pytest.mark.parametrize("valid", [False, True])
 def test_a_rover_beyond_the_limits_is_no_place_however_well_it_is_known(pos_ned_m: Vec3, valid: bool) -> None:
     place = rover_place(rover(valid=valid, std_m=2.9, pos_ned_m=pos_ned_m), 10.0, LIMITS)
-    assert isinstance(place, str) and "beyond the limits of 500 m and 120 m" in place
+    assert isinstance(place, Refusal) and "beyond the limits of 500 m and 120 m" in place.reason
 
 
 def test_a_driving_rover_has_its_velocity_over_ground() -> None:
@@ -62,4 +63,7 @@ def test_the_takeoff_point_comes_before_all_rally_points_nearest_first() -> None
 
 
 def test_places_that_are_missing_are_said() -> None:
-    assert ground_places(HERE, None, []) == ["nobody knows where the vehicle took off", "there is no rally point"]
+    assert ground_places(HERE, None, []) == [
+        Refusal("nobody knows where the vehicle took off"),
+        Refusal("there is no rally point"),
+    ]

@@ -38,7 +38,7 @@ ROVER_NED_M = (5.0, -3.0, -0.5)
 @lru_cache(maxsize=2)
 def renderer(kind: str) -> Renderer:
     try:
-        return make_renderer(msgspec.structs.replace(CONFIG, renderer=kind), SIMULATOR, VEHICLE, seed=1)
+        return make_renderer(msgspec.structs.replace(CONFIG, renderer=kind), SIMULATOR.terrain, VEHICLE, seed=1)
     except NoEglError as error:
         pytest.skip(str(error))
 
@@ -101,7 +101,7 @@ def test_tags_are_where_they_are_projected(kind: str, largest_px: float) -> None
 def test_tags_are_where_they_are_projected_through_a_lens_too(egl: EglRenderer) -> None:
     lens = msgspec.structs.replace(VEHICLE.camera, turn_rad=0.4, distortion=(-0.2, 0.06, 0.001, -0.002, 0.0))
     vehicle = msgspec.structs.replace(VEHICLE, camera=lens)
-    distorting = make_renderer(msgspec.structs.replace(CONFIG, renderer="egl"), SIMULATOR, vehicle, seed=1)
+    distorting = make_renderer(msgspec.structs.replace(CONFIG, renderer="egl"), SIMULATOR.terrain, vehicle, seed=1)
     for beside_m in ((0.9, -0.3), (-0.7, 0.6), (0.0, 0.0)):
         at = scene(2.0, beside_m)
         seen = view_of(at, lens.pos_camera_frd_m, (DOWN_RAD, 0.0), turn_camera_rad=lens.turn_rad)
@@ -181,10 +181,10 @@ def test_without_egl_the_other_renderer_says_what_to_install(monkeypatch: pytest
 
     monkeypatch.setattr("moderngl.create_context", fail)
     monkeypatch.setattr(TinyRenderer, "__init__", lambda *args: None)
-    fallback = make_renderer(CONFIG, SIMULATOR, VEHICLE, seed=1)
+    fallback = make_renderer(CONFIG, SIMULATOR.terrain, VEHICLE, seed=1)
     assert "libegl1" in fallback.description
     with pytest.raises(NoEglError, match="libEGL"):
-        make_renderer(msgspec.structs.replace(CONFIG, renderer="egl"), SIMULATOR, VEHICLE, seed=1)
+        make_renderer(msgspec.structs.replace(CONFIG, renderer="egl"), SIMULATOR.terrain, VEHICLE, seed=1)
 
 
 def test_noise_has_the_given_standard_deviation_and_differs_from_picture_to_picture() -> None:
