@@ -22,12 +22,12 @@ from jezero.schemas import (
 )
 from jezero.schemas.rows import CLIENTS, EVERY_ACTION, GOAL_IN_CHARGE, Action, Endpoint, Topic, refusing
 
-CLOCK = Topic("clock", state.Clock, 10.0, "simulator", urgent=True)
+CLOCK = Topic("clock", state.Clock, 10.0, "simulator", urgent=True, driver="vehicle_bridge")
 IMU = Topic("sensor/imu", sensors.Imu, 50.0, "simulator", link_hz=5.0)
 GNSS = Topic("sensor/gnss", sensors.Gnss, 10.0, "simulator", link_hz=2.0)
 BARO = Topic("sensor/baro", sensors.Barometer, 10.0, "simulator", link_hz=1.0)
 MAG = Topic("sensor/mag", sensors.Magnetometer, 10.0, "simulator", link_hz=1.0)
-ALTIMETER = Topic("sensor/altimeter", sensors.Altimeter, 25.0, "simulator", link_hz=5.0)
+ALTIMETER = Topic("sensor/altimeter", sensors.Altimeter, 25.0, "simulator", link_hz=5.0, driver="vehicle_bridge")
 UWB = Topic("sensor/uwb", sensors.Uwb, 20.0, "simulator", link_hz=5.0)
 ROVER_ODOMETRY = Topic("rover/odometry", sensors.RoverOdometry, 25.0, "simulator", host="rover", urgent=True)
 TRUTH = Topic("truth", state.Truth, 50.0, "simulator", link_hz=5.0)

@@ -52,10 +52,16 @@ def write_settings(folder: Path, instance: Instance, baud: int) -> Path:
     return settings
 
 
-def _set(path: Path, field: str, value: str) -> None:
-    """Set a field of the first table of a file."""
+def _set(path: Path, field: str, value: str, table: str = "") -> None:
+    """Set a field of a table of a file, of its first table without one."""
     text = re.sub(rf"^{field} *=.*\n", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
-    path.write_text(f"{field} = {value}\n{text}", encoding="utf-8")
+    if not table:
+        text = f"{field} = {value}\n{text}"
+    elif f"[{table}]\n" in text:
+        text = text.replace(f"[{table}]\n", f"[{table}]\n{field} = {value}\n", 1)
+    else:
+        text += f"\n[{table}]\n{field} = {value}\n"
+    path.write_text(text, encoding="utf-8")
 
 
 @contextmanager
@@ -72,6 +78,7 @@ def running_hardware(folder: Path, drift_ppm: float) -> Iterator[Instance]:
     settings, run_dir = folder / "hardware" / "config", folder / "hardware" / "run"
     shutil.copytree(config_directory(), settings, dirs_exist_ok=True)
     _set(settings / "simulator.toml", "pace", f"{1.0 + 1e-6 * drift_ppm:.6f}")
+    _set(settings / "simulator.toml", "on_hil", "true", "altimeter")  # the rangefinder is the flight controller's
     with reserved_instance(VEHICLE) as instance:
         own = {"JEZERO_CONFIG_DIR": str(settings), "JEZERO_RUN_DIR": str(run_dir), "JEZERO_RECORD": "0"}
         dropped = ("JEZERO_LISTEN", "JEZERO_CONNECT", "JEZERO_KEYS")

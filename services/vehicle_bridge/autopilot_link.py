@@ -9,6 +9,7 @@ import msgspec
 
 from jezero.base.frames import Quat, Vec3, quat_normalize, quat_rotate
 from jezero.base.mavlink import FieldReader, FramePacker, MavlinkCodec, MavMessage, dialect
+from jezero.schemas.sensors import Altimeter
 from jezero.schemas.state import Battery, Geodetic, Odometry
 from jezero.services.vehicle_bridge.fence import FenceUpload
 from jezero.services.vehicle_bridge.parameters import ParameterSetter
@@ -45,6 +46,7 @@ INTERVALS_US = {
     dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: 30_000,
 }
 """Period of each MAVLink message that the bridge requests from the autopilot, in µs."""
+DISTANCE_INTERVAL_US = 40_000
 
 _COMMANDS: dict[AutopilotCommand, tuple[int, tuple[float, float, float]]] = {
     AutopilotCommand.OFFBOARD: (dialect.MAV_CMD_DO_SET_MODE, (1.0, 6.0, 0.0)),
@@ -91,6 +93,7 @@ class Telemetry:
         origin_deg: origin of the world frame.
         battery: None when the autopilot doesn't measure it.
         battery_critical: see `Battery.critical`.
+        altimeter: newest range of the rangefinder that points down.
         odometry: newest odometry.
         resets: steps of the position estimate.
         warning: last STATUSTEXT of severity warning or worse.
@@ -107,6 +110,7 @@ class Telemetry:
     origin_deg: Geodetic | None = None
     battery: Battery | None = None
     battery_critical: float | None = None
+    altimeter: Altimeter | None = None
     odometry: Odometry | None = None
     resets: ResetHistory = field(default_factory=ResetHistory)
     warning: str = ""
@@ -124,6 +128,7 @@ class TelemetryBatch(msgspec.Struct):
         steps_ned_m: steps of the position estimate at the autopilot's resets.
         setpoint_echo: the newest one.
         restarted: the autopilot's time stepped back.
+        altimeter: ranges of the rangefinder that points down, in the autopilot's time.
         time_replies: contents of each TIMESYNC reply: the autopilot's time, and the time stamp of the request, in ns.
     """
 
@@ -134,6 +139,7 @@ class TelemetryBatch(msgspec.Struct):
     steps_ned_m: list[Vec3] = msgspec.field(default_factory=list)
     setpoint_echo: SetpointEcho | None = None
     restarted: bool = False
+    altimeter: list[Altimeter] = msgspec.field(default_factory=list)
     time_replies: list[tuple[int, int]] = msgspec.field(default_factory=list)
 
 
@@ -143,6 +149,7 @@ class AutopilotLink:
     Args:
         system_id: MAVLink system id of the vehicle; the bridge is another component of the same system.
         parameters: parameters to set on the autopilot.
+        rangefinder: whether to request the ranges of the autopilot's own rangefinder.
 
     Attributes:
         telemetry: the autopilot's reported state.
@@ -151,7 +158,15 @@ class AutopilotLink:
         acknowledged: the present command, once the autopilot has acknowledged it.
     """
 
-    def __init__(self, system_id: int, parameters: Mapping[str, int | float] = MappingProxyType({})) -> None:
+    def __init__(
+        self,
+        system_id: int,
+        parameters: Mapping[str, int | float] = MappingProxyType({}),
+        *,
+        rangefinder: bool = False,
+    ) -> None:
+        wanted = {dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: DISTANCE_INTERVAL_US} if rangefinder else {}
+        self._intervals_us = {**INTERVALS_US, **wanted}
         self.telemetry = Telemetry()
         self.parameters = ParameterSetter(parameters)
         self.fence = FenceUpload(system_id)
@@ -177,6 +192,7 @@ class AutopilotLink:
             dialect.MAVLINK_MSG_ID_STATUSTEXT: self._on_statustext,
             dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: self._on_setpoint_echo,
             dialect.MAVLINK_MSG_ID_PARAM_VALUE: self._on_parameter,
+            dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: self._on_distance,
             dialect.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
             dialect.MAVLINK_MSG_ID_MISSION_REQUEST: self._on_fence_message,
             dialect.MAVLINK_MSG_ID_MISSION_REQUEST_INT: self._on_fence_message,
@@ -327,6 +343,16 @@ class AutopilotLink:
         if message.tc1 != 0:  # else it is a request of the autopilot, which needs no reply to fly
             batch.time_replies.append((message.tc1, message.ts1))
 
+    def _on_distance(self, message: MavMessage, batch: TelemetryBatch) -> None:
+        """A range without its limits met nothing, and one of quality 1 is invalid."""
+        t_ns, last = message.time_boot_ms * 1_000_000, self.telemetry.altimeter
+        if message.orientation != dialect.MAV_SENSOR_ROTATION_PITCH_270 or (last is not None and t_ns == last.t_ns):
+            return
+        valid = message.min_distance <= message.current_distance <= message.max_distance and message.signal_quality != 1
+        range_m = 0.01 * message.current_distance if valid and message.current_distance > 0 else None
+        self.telemetry.altimeter = altimeter = Altimeter(t_ns=t_ns, range_m=range_m)
+        batch.altimeter.append(altimeter)
+
     def _on_fence_message(self, message: MavMessage, batch: TelemetryBatch) -> None:
         if (item := self.fence.on_message(message, batch.timer_ns)) is not None:
             self._fence_items += self._codec.pack(item)
@@ -376,7 +402,7 @@ class AutopilotLink:
     def request_intervals(self) -> bytes:
         """Request the telemetry that the bridge needs."""
         command = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
-        return b"".join(self._command_long(command, float(kind), float(us)) for kind, us in INTERVALS_US.items())
+        return b"".join(self._command_long(command, float(kind), float(us)) for kind, us in self._intervals_us.items())
 
     def set_parameters(self, wall_ns: int) -> bytes:
         """PARAM_SET of each parameter that is due."""
