@@ -1,9 +1,9 @@
 """The shell of Decawave's DWM1001: ranges by its commands `lec` and `les`.
 
 Source: DWM1001 firmware API guide. `lec` sends lines such as
-`DIST,2,AN0,022E,7.94,8.03,0.00,3.44,AN1,1A2B,0.00,8.03,0.00,5.01,POS,6.95,5.37,-1.97,52`, with each anchor's place and
-range; `les` such as `022E[7.94,8.03,0.00]=3.38 le_us=3082 est[6.97,5.17,-1.77,53]`. Two carriage returns within a second
-wake the shell, whose prompt is `dwm> `. Each command starts its lines, and stops them when it is sent again.
+`DIST,2,AN0,022E,7.94,8.03,0.00,3.44,AN1,1A2B,0.00,8.03,0.00,5.01,POS,6.95,5.37,-1.97,52`, with each anchor's place
+and range; `les` such as `022E[7.94,8.03,0.00]=3.38 le_us=3082 est[6.97,5.17,-1.77,53]`. Two carriage returns within one
+second wake the shell, whose prompt is `dwm> `. Each command starts its lines, and stops them when it is sent again.
 """
 
 import re
