@@ -20,6 +20,7 @@ from types import FrameType
 from jezero.base.config import config_directory
 from jezero.deploy.launcher.ports import HOST, instance_environment, reserved_instance
 from jezero.deploy.twin.line import Line
+from jezero.deploy.twin.modules import Modules, running_modules
 from jezero.runtime.instance import Instance
 
 VEHICLE = "twin"
@@ -103,9 +104,11 @@ class Twin:
         folder: where the devices are made.
         instance: the hardware's.
         baud: that of the flight controller's line.
+        modules: what is on other lines.
     """
 
-    def __init__(self, folder: Path, instance: Instance, baud: int) -> None:
+    def __init__(self, folder: Path, instance: Instance, baud: int, modules: Modules) -> None:
+        self._modules = modules
         self.controller = Line(folder / CONTROLLER, baud)
         self._autopilot = (HOST, instance.autopilot_offboard_port)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -128,6 +131,7 @@ class Twin:
         """Relay until `stop` is called."""
         while not self._stopping:
             select.select([self._socket], [], [], TURN_S)
+            self._modules.turn(time.monotonic())
             with suppress(BlockingIOError, ConnectionRefusedError):
                 while True:
                     self.controller.put(self._socket.recv(CHUNK))
@@ -150,14 +154,18 @@ def run_twin(folder: Path, baud: int, drift_ppm: float) -> int:
     """
     folder = folder.resolve()
     folder.mkdir(parents=True, exist_ok=True)
-    with running_hardware(folder, drift_ppm) as instance:
+    with running_hardware(folder, drift_ppm) as instance, running_modules(folder, instance) as modules:
         settings = write_settings(folder, instance, baud)
-        twin = Twin(folder, instance, baud)
+        for file, table, field, value in modules.settings:
+            _set(settings / f"{file}.toml", field, value, table)
+        twin = Twin(folder, instance, baud, modules)
         try:
             signal.signal(signal.SIGTERM, twin.stop)
             signal.signal(signal.SIGINT, twin.stop)
             signal.signal(signal.SIGUSR1, twin.pull_or_put_plug)
             print(f"flight controller  serial:{twin.controller.path}:{baud}")
+            for name, device in modules.devices.items():
+                print(f"{name:<18} {device}")
             print("fly it with        ", end="")
             print(f"JEZERO_CONFIG_DIR={settings} jezero up --profile onboard --profile ground", flush=True)
             twin.run()

@@ -1,5 +1,6 @@
 """What the UWB modules speak: bytes in, ranges by the modules' ids out. A parser takes any bytes and never raises."""
 
+from collections.abc import Callable, Mapping
 from typing import Protocol
 
 from jezero.services.uwb.config import Format
@@ -29,6 +30,9 @@ class Parser(Protocol):
         """
 
 
+PARSERS: Mapping[Format, Callable[[], Parser]] = {"dwm1001": Dwm1001, "nooploop": Nooploop, "json": JsonLines}
+
+
 def parser_of(kind: Format) -> Parser:
     """A parser for a new connection."""
-    return {"dwm1001": Dwm1001, "nooploop": Nooploop, "json": JsonLines}[kind]()
+    return PARSERS[kind]()

@@ -110,7 +110,7 @@ class VehicleBridge:
             "name": name,
             "kept_epoch": kept_epoch,
         }
-        outputs = (CLOCK, ALTIMETER, *SPEC.outputs) if config.link else SPEC.outputs
+        outputs = (*SPEC.outputs, *((CLOCK, ALTIMETER) if config.link else ()))
         self.spec = replace(SPEC, outputs=outputs, rate_hz=config.rate_hz, made_with=made_with)
         self._config = config
         self._boot_id = boot_id

@@ -21,7 +21,7 @@ NAN = float("nan")
 class Box:
     """The autopilot's inbox with all links up."""
 
-    wall_ns = 0
+    wall_ns = stalled_ns = 0
     connected = True
     has_requests = False
     departed: Sequence[str] = ()

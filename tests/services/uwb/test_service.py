@@ -23,7 +23,11 @@ class Bench:
         self.driver = UwbDriver(config, VehicleConfig(uwb=UwbLayoutConfig(id_anchors=IDS)))
         self.inbox = Mailbox(self.driver.spec.links)
         self.wall_ns = 100 * S
-        self.health = Health("starting", "")
+        self.healths = [Health("starting", "")]
+
+    @property
+    def health(self) -> Health:
+        return self.healths[-1]
 
     def step(self, data: bytes = b"", after_s: float = 0.05, *, timed: bool = True) -> list[Output]:
         self.wall_ns += round(after_s * S)
@@ -34,7 +38,7 @@ class Bench:
         self.inbox.clear()
         for output in outputs:
             if isinstance(output, Health):
-                self.health = output
+                self.healths.append(output)
         return outputs
 
     def run(self, seconds: float, data: bytes = b"") -> list[Uwb]:
