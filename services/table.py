@@ -96,6 +96,13 @@ SERVICES: tuple[ServiceRow, ...] = (
         profiles=("rover",),
     ),
     ServiceRow(
+        name="rover_driver",
+        about="The driver of a real rover.",
+        maker="jezero.services.rover_driver.service:RoverDriver",
+        settings="jezero.services.rover_driver.config:RoverDriverConfig",
+        profiles=("rover",),
+    ),
+    ServiceRow(
         name="uwb",
         about="The driver of a real UWB module.",
         maker="jezero.services.uwb.service:UwbDriver",

@@ -167,7 +167,9 @@ def run_twin(folder: Path, baud: int, drift_ppm: float) -> int:
             for name, device in modules.devices.items():
                 print(f"{name:<18} {device}")
             print("fly it with        ", end="")
-            print(f"JEZERO_CONFIG_DIR={settings} jezero up --profile onboard --profile ground", flush=True)
+            print(
+                f"JEZERO_CONFIG_DIR={settings} jezero up --profile onboard --profile rover --profile ground", flush=True
+            )
             twin.run()
         finally:
             twin.close()
