@@ -30,6 +30,7 @@ SECTIONS: dict[str, dict[str, Listed]] = {
         "ps": Listed("jezero.cli.stack", "ps", "Show the state and health of the services."),
         "logs": Listed("jezero.cli.stack", "logs", "Show the output of the services."),
         "twin": Listed("jezero.cli.twin", "twin", "Run a simulated vehicle as hardware would be, to rehearse on it."),
+        "uwb": Listed("jezero.cli.uwb", "uwb", "Test the UWB ranges, and find the places of the anchors."),
         "info": Listed("jezero.cli.info", "info", "Show the declared services and topics."),
         "keys": Listed("jezero.cli.keys", "keys", "Make the certificates of a team's computers and people."),
     },
