@@ -31,6 +31,7 @@ SECTIONS: dict[str, dict[str, Listed]] = {
         "logs": Listed("jezero.cli.stack", "logs", "Show the output of the services."),
         "twin": Listed("jezero.cli.twin", "twin", "Run a simulated vehicle as hardware would be, to rehearse on it."),
         "uwb": Listed("jezero.cli.uwb", "uwb", "Test the UWB ranges, and find the places of the anchors."),
+        "tag": Listed("jezero.cli.tag", "tag", "Print the tags on the rover's platform."),
         "info": Listed("jezero.cli.info", "info", "Show the declared services and topics."),
         "keys": Listed("jezero.cli.keys", "keys", "Make the certificates of a team's computers and people."),
     },

@@ -43,10 +43,11 @@ def uwb() -> None:
 @click.option("--at", type=POINT, metavar="F R D", help="Place of the tag, for the bias of each anchor.")
 @common_options
 def test(seconds: float, at: "Vec3 | None", vehicle: str, router: str, as_json: bool) -> None:
-    """Show rate, spread and outliers of each anchor's ranges, and with --at their bias.
+    """Show what the ranges of each anchor are worth.
 
-    Vehicle and rover stand still meanwhile. A bias of one anchor says that its place in vehicle.toml is wrong, or that
-    something is in the way; a bias of all that the module needs its antenna delay set.
+    Rate, spread and outliers, and with --at the bias. Vehicle and rover stand still meanwhile. A bias of one anchor says
+    that its place in vehicle.toml is wrong, or that something is in the way; a bias of all that the module needs its
+    antenna delay set.
     """
     from jezero.base.config import load_config
     from jezero.base.vehicle_config import VehicleConfig
@@ -88,7 +89,9 @@ def survey(
     places: tuple["Vec3", ...], between: Path | None, known: tuple[int, ...], seconds: float,
     vehicle: str, router: str, as_json: bool,
 ) -> None:  # fmt: skip
-    """Find the places of the anchors from ranges, and print them as vehicle.toml has them.
+    """Find the places of the anchors from ranges.
+
+    They are printed as vehicle.toml has them.
 
     You measure by hand, with a tape, where you hold the tag: at four places or more, better eight, around the platform
     at two heights that differ by a metre, each given by --place. The command asks for the tag at one after the other.
