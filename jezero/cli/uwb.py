@@ -45,9 +45,9 @@ def uwb() -> None:
 def test(seconds: float, at: "Vec3 | None", vehicle: str, router: str, as_json: bool) -> None:
     """Show what the ranges of each anchor are worth.
 
-    Rate, spread and outliers, and with --at the bias. Vehicle and rover stand still meanwhile. A bias of one anchor says
-    that its place in vehicle.toml is wrong, or that something is in the way; a bias of all that the module needs its
-    antenna delay set.
+    Rate, spread and outliers, and with --at the bias. Vehicle and rover stand still meanwhile. A bias of one anchor
+    says that its place in vehicle.toml is wrong, or that something is in the way; a bias of all that the module needs
+    its antenna delay set.
     """
     from jezero.base.config import load_config
     from jezero.base.vehicle_config import VehicleConfig

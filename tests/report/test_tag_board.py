@@ -12,6 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from jezero.base.vehicle_config import PlatformConfig
 from jezero.cli.main import main
 from jezero.report.tag_board import MARGIN_MM, board_pages, write_board
+from jezero.schemas.landing_board import BoardTag
 
 PX_PER_MM = 2.0
 
@@ -26,7 +27,8 @@ def detected(figure: Any) -> dict[int, Any]:
     gray = np.asarray(canvas.buffer_rgba())[:, :, 0].copy()
     detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11))
     corners, ids, _ = detector.detectMarkers(gray)
-    return {int(each[0]): (found[0] + 0.5) / PX_PER_MM for each, found in zip(ids, corners, strict=True)}
+    places = (found.reshape(4, 2) for found in corners)
+    return {int(each): (place + 0.5) / PX_PER_MM for each, place in zip(ids.flatten(), places, strict=True)}
 
 
 def test_the_tags_of_the_board_are_where_its_table_says_in_true_size() -> None:
@@ -38,9 +40,8 @@ def test_the_tags_of_the_board_are_where_its_table_says_in_true_size() -> None:
     assert {77, 1} & {tag.tag_id for tag in seen}
     assert len(seen) > 20
     for tag in seen:
-        expected = [
-            (middle_mm + 1e3 * right, middle_mm - 1e3 * forward) for forward, right, _ in tag.corners_rover_body_m
-        ]
+        corners_mm = [(1e3 * right, -1e3 * forward) for forward, right, _ in tag.corners_rover_body_m]
+        expected = [(middle_mm + x, middle_mm + y) for x, y in corners_mm]
         assert found[tag.tag_id] == pytest.approx(np.array(expected), abs=1.0)
 
 
@@ -53,10 +54,13 @@ def test_the_pdf_has_pages_of_the_papers_size(tmp_path: Path, paper: Any, pages:
     assert float(boxes[0][0]) == pytest.approx(width_mm / 25.4 * 72.0, abs=0.1)
 
 
-def test_a_tile_shows_its_part_of_the_board() -> None:
-    pages = list(board_pages(PlatformConfig(side_m=0.5, side_tag_m=0.1), "a4"))
-    assert len(pages) == 6
-    assert 77 in detected(pages[2]) or any(77 in detected(page) for page in pages)
+def test_a_tile_shows_its_part_of_the_board_in_true_size() -> None:
+    tag = BoardTag(tag_id=5, side_m=0.08, pos_rover_body_m=(0.08, -0.08, 0.0))
+    pages = list(board_pages(PlatformConfig(side_m=0.3, tags=(tag,)), "a4"))
+    assert len(pages) == 4
+    left, top = MARGIN_MM + 150.0 - 80.0 - 40.0, MARGIN_MM + 150.0 - 80.0 - 40.0
+    expected = [(left, top), (left + 80.0, top), (left + 80.0, top + 80.0), (left, top + 80.0)]
+    assert detected(pages[0])[5] == pytest.approx(np.array(expected), abs=1.0)
 
 
 def test_the_command_names_the_file_and_refuses_another_ending(tmp_path: Path) -> None:
