@@ -98,7 +98,7 @@ SERVICES: tuple[ServiceRow, ...] = (
     ServiceRow(
         name="rover_driver",
         about="The driver of a real rover.",
-        maker="jezero.services.rover_driver.service:RoverDriver",
+        maker="jezero.services.rover_driver.service:RealRover",
         settings="jezero.services.rover_driver.config:RoverDriverConfig",
         profiles=("rover",),
     ),

@@ -9,7 +9,7 @@ from jezero.runtime.links import SocketLink, link_of
 from jezero.runtime.process import run_process
 from jezero.runtime.service import Service
 from jezero.services.rover_driver.config import RoverDriverConfig
-from jezero.services.rover_driver.service import COMMAND_LINK, ODOMETRY_LINK, RoverDriver, used_links
+from jezero.services.rover_driver.service import COMMAND_LINK, ODOMETRY_LINK, RealRover, used_links
 
 
 def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:
@@ -19,7 +19,7 @@ def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, Socke
         ODOMETRY_LINK: ("link in rover_driver.toml", config.link),
         COMMAND_LINK: ("command_link in rover_driver.toml", config.command_link),
     }
-    return RoverDriver(config), {each: link_of(*addresses[each]) for each in used_links(config)}
+    return RealRover(config), {each: link_of(*addresses[each]) for each in used_links(config)}
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from jezero.base.lines import Lines
 from jezero.schemas.struct import Angle
 from jezero.schemas.units import NS_PER_S
 from jezero.services.rover_driver.config import RoverDriverConfig
-from jezero.services.rover_driver.reading import Reading
+from jezero.services.rover_driver.motion import RoverMotion
 
 Speed = Annotated[float, msgspec.Meta(ge=-50.0, le=50.0)]
 YawRate = Annotated[float, msgspec.Meta(ge=-10.0, le=10.0)]
@@ -30,7 +30,7 @@ class _Line(msgspec.Struct):
     ticks: tuple[Count, Count] | None = None
 
 
-class JsonLines:
+class OdometryLines:
     """Reads the lines.
 
     Attributes:
@@ -47,14 +47,14 @@ class JsonLines:
         self._last: tuple[int, float, tuple[int, int]] | None = None
         """Time of arrival, heading and counts of the last line with counts."""
 
-    def receive(self, data: bytes, wall_ns: int) -> list[Reading]:
+    def receive(self, data: bytes, wall_ns: int) -> list[RoverMotion]:
         """Readings that are complete with these bytes, oldest first.
 
         Args:
             wall_ns: monotonic time of their arrival.
         """
         before = self._lines.too_long
-        readings: list[Reading] = []
+        readings: list[RoverMotion] = []
         for line in filter(None, self._lines.receive(data)):
             try:
                 found = self._decoder.decode(line)
@@ -66,7 +66,7 @@ class JsonLines:
         self.bad += self._lines.too_long - before
         return readings
 
-    def _reading(self, line: _Line, wall_ns: int) -> Reading | None:
+    def _reading(self, line: _Line, wall_ns: int) -> RoverMotion | None:
         speed_mps, yaw_rate_rps = line.speed_mps, line.yaw_rate_rps
         if speed_mps is None:
             if line.ticks is None:
@@ -78,7 +78,7 @@ class JsonLines:
             speed_mps, turn_rps = motion
             yaw_rate_rps = turn_rps if yaw_rate_rps is None else yaw_rate_rps
         self.problem = ""
-        return Reading(wrap_pi(line.yaw_rad), speed_mps, yaw_rate_rps or 0.0, line.roll_rad, line.pitch_rad)
+        return RoverMotion(wrap_pi(line.yaw_rad), speed_mps, yaw_rate_rps or 0.0, line.roll_rad, line.pitch_rad)
 
     def _motion(self, wall_ns: int, yaw_rad: float, ticks: tuple[int, int]) -> tuple[float, float] | None:
         """Speed and yaw rate by the counts since the last line; None where they say nothing.

@@ -13,7 +13,7 @@ from pynmeagps.exceptions import NMEAMessageError, NMEAParseError, NMEATypeError
 from jezero.base.frames import wrap_pi
 from jezero.base.lines import Lines
 from jezero.schemas.units import NS_PER_S
-from jezero.services.rover_driver.reading import Reading
+from jezero.services.rover_driver.motion import RoverMotion
 
 KNOT_MPS = 1852.0 / 3600.0
 DEGREE_PER_MINUTE_RPS = radians(1.0) / 60.0
@@ -45,13 +45,13 @@ class Nmea:
         self._turn_rps: tuple[int, float] | None = None
         self._quality = 1
 
-    def receive(self, data: bytes, wall_ns: int) -> list[Reading]:
+    def receive(self, data: bytes, wall_ns: int) -> list[RoverMotion]:
         """Readings that are complete with these bytes, oldest first.
 
         Args:
             wall_ns: monotonic time of their arrival.
         """
-        readings: list[Reading] = []
+        readings: list[RoverMotion] = []
         before = self._lines.too_long
         for line in self._lines.receive(data):
             message = self._parsed(line)
@@ -72,7 +72,7 @@ class Nmea:
             self.bad += 1
             return None
 
-    def _take(self, message: NMEAMessage, wall_ns: int) -> Reading | None:
+    def _take(self, message: NMEAMessage, wall_ns: int) -> RoverMotion | None:
         """Take in a sentence; an RMC makes a reading, with the newest heading."""
         kind = message.msgID
         if kind == "HDT":
@@ -98,7 +98,7 @@ class Nmea:
             turned.popleft()
         self._heading = (wall_ns, yaw_rad)
 
-    def _reading(self, rmc: NMEAMessage, wall_ns: int) -> Reading | None:
+    def _reading(self, rmc: NMEAMessage, wall_ns: int) -> RoverMotion | None:
         speed_kn = _number(rmc, "spd", 0.0, SPEED_MAX_MPS / KNOT_MPS)
         if rmc.status != "A" or self._quality == 0 or speed_kn is None:
             self.problem = "the rover's receiver has no fix"
@@ -110,7 +110,7 @@ class Nmea:
         yaw_rad, course_deg = self._heading[1], _number(rmc, "cog", 0.0, 360.0)
         backwards = course_deg is not None and cos(radians(course_deg) - yaw_rad) < 0.0
         speed_mps = speed_kn * KNOT_MPS
-        return Reading(yaw_rad, -speed_mps if backwards else speed_mps, self._yaw_rate_rps(wall_ns))
+        return RoverMotion(yaw_rad, -speed_mps if backwards else speed_mps, self._yaw_rate_rps(wall_ns))
 
     def _yaw_rate_rps(self, wall_ns: int) -> float:
         if self._turn_rps is not None and wall_ns - self._turn_rps[0] <= HEADING_MAX_AGE_NS:

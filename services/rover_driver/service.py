@@ -10,10 +10,10 @@ from jezero.schemas.sensors import RoverOdometry
 from jezero.schemas.topics import ROVER_COMMAND, ROVER_ODOMETRY
 from jezero.schemas.units import NS_PER_S
 from jezero.services.rover_driver.config import RoverDriverConfig
-from jezero.services.rover_driver.drive import Drive
-from jezero.services.rover_driver.json_lines import JsonLines
+from jezero.services.rover_driver.drive_commands import DriveCommands
+from jezero.services.rover_driver.json_lines import OdometryLines
+from jezero.services.rover_driver.motion import RoverMotion
 from jezero.services.rover_driver.nmea import Nmea
-from jezero.services.rover_driver.reading import Reading
 
 ODOMETRY_LINK, COMMAND_LINK = "odometry", "commands"
 SILENCE_NS = 2_000_000_000
@@ -37,10 +37,10 @@ class _Parser(Protocol):
     def bad(self) -> int: ...
     @property
     def problem(self) -> str: ...
-    def receive(self, data: bytes, wall_ns: int) -> list[Reading]: ...
+    def receive(self, data: bytes, wall_ns: int) -> list[RoverMotion]: ...
 
 
-class RoverDriver:
+class RealRover:
     """Publishes `rover/odometry` from a line, and sends `rover/command` on a line.
 
     Args:
@@ -56,7 +56,7 @@ class RoverDriver:
         self._command_link = ODOMETRY_LINK if config.command_link == config.link else COMMAND_LINK
         self._parser = self._new_parser()
         self._connections = 0
-        self._drive = Drive()
+        self._drive = DriveCommands()
         self._pos_odom_m = (0.0, 0.0)
         self._read_ns: int | None = None
         self._bytes_ns = -SILENCE_NS
@@ -65,7 +65,7 @@ class RoverDriver:
         self._health: Health | None = None
 
     def _new_parser(self) -> _Parser:
-        return Nmea() if self._config.format == "nmea" else JsonLines(self._config)
+        return Nmea() if self._config.format == "nmea" else OdometryLines(self._config)
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """Publish the newest reading that has arrived, and send the drive commands that are due."""
@@ -95,7 +95,7 @@ class RoverDriver:
             if readings and t_ns > self._delay_ns:
                 yield Publish(ROVER_ODOMETRY, self._odometry(t_ns - self._delay_ns, inbox.wall_ns, readings))
 
-    def _odometry(self, t_ns: int, wall_ns: int, readings: Sequence[Reading]) -> RoverOdometry:
+    def _odometry(self, t_ns: int, wall_ns: int, readings: Sequence[RoverMotion]) -> RoverOdometry:
         """The newest of the readings that arrived at once, with the place that is dead reckoned."""
         self._readings += 1
         newest = readings[-1]

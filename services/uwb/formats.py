@@ -5,7 +5,7 @@ from typing import Protocol
 
 from jezero.services.uwb.config import Format
 from jezero.services.uwb.dwm1001 import Dwm1001
-from jezero.services.uwb.json_lines import JsonLines
+from jezero.services.uwb.json_lines import RangeLines
 from jezero.services.uwb.nooploop import Nooploop
 
 Round = dict[str, float]
@@ -30,7 +30,7 @@ class Parser(Protocol):
         """
 
 
-PARSERS: Mapping[Format, Callable[[], Parser]] = {"dwm1001": Dwm1001, "nooploop": Nooploop, "json": JsonLines}
+PARSERS: Mapping[Format, Callable[[], Parser]] = {"dwm1001": Dwm1001, "nooploop": Nooploop, "json": RangeLines}
 
 
 def parser_of(kind: Format) -> Parser:

@@ -16,7 +16,7 @@ class _Line(msgspec.Struct):
     ranges_m: Annotated[dict[ModuleId, Range], msgspec.Meta(max_length=64)]
 
 
-class JsonLines:
+class RangeLines:
     """Reads the lines; the module sends by itself.
 
     Attributes:

@@ -134,7 +134,7 @@ def _add(
     row = np.zeros(size)
     if anchor in at:
         row[at[anchor] : at[anchor] + 3] = offset / length
-    if other in at:
+    if other is not None and other in at:
         row[at[other] : at[other] + 3] = -offset / length
     rows.append(row)
     left.append(range_m - length)

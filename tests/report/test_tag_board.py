@@ -22,7 +22,7 @@ def detected(figure: Any) -> dict[int, Any]:
     import cv2
 
     figure.set_dpi(25.4 * PX_PER_MM)
-    canvas = FigureCanvasAgg(figure)
+    canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()
     gray = np.asarray(canvas.buffer_rgba())[:, :, 0].copy()
     detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11))

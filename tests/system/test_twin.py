@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from math import hypot
 from pathlib import Path
 
@@ -56,6 +57,10 @@ def is_ready(vehicle: Vehicle) -> bool:
         return False
 
 
+def is_ok(healths: dict[str, ServiceHealth], service: str) -> bool:
+    return service in healths and healths[service].state == "ok"
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(1500)
 def test_the_stack_finds_the_twins_rover_by_uwb_and_lands_on_it(unstarted: Stack, tmp_path: Path) -> None:
@@ -86,9 +91,7 @@ def test_the_stack_finds_the_twins_rover_by_uwb_and_lands_on_it(unstarted: Stack
                 session.declare_subscriber(key(name, health_of(service).name), on_health)
             wait_for(lambda: is_ready(uav), TIMEOUT_S, "ready")
             for service in ("uwb", "rover_driver"):
-                wait_for(
-                    lambda each=service: each in healths and healths[each].state == "ok", TIMEOUT_S, f"{service} is ok"
-                )
+                wait_for(partial(is_ok, healths, service), TIMEOUT_S, f"{service} is ok")
             uav.takeoff(altitude_m=3.0).result(timeout_s=TIMEOUT_S)
             assert any(each.range_m is not None and each.range_m > 1.0 for each in ranges), "of the flight controller"
             wait_for(lambda: uav.relative(timeout_s=10.0).valid, TIMEOUT_S, "the rover is found")

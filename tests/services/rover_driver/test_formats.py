@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jezero.services.rover_driver.config import RoverDriverConfig
-from jezero.services.rover_driver.json_lines import JsonLines
+from jezero.services.rover_driver.json_lines import OdometryLines
 from jezero.services.rover_driver.nmea import Nmea
 
 S = 1_000_000_000
@@ -90,7 +90,7 @@ def test_other_sentences_are_no_damage() -> None:
 
 
 def test_a_line_of_json_has_the_motion_or_the_counts_of_the_wheels() -> None:
-    lines = JsonLines(RoverDriverConfig(ticks_per_m=1000.0, track_m=0.5))
+    lines = OdometryLines(RoverDriverConfig(ticks_per_m=1000.0, track_m=0.5))
     (reading,) = lines.receive(b'{"yaw_rad": 0.5, "speed_mps": -0.2, "roll_rad": 0.1}\n', S)
     assert (reading.yaw_rad, reading.speed_mps, reading.yaw_rate_rps, reading.roll_rad) == (0.5, -0.2, 0.0, 0.1)
     assert lines.receive(b'{"yaw_rad": 0.5, "ticks": [1000, 2000]}\n', S) == []
@@ -100,7 +100,7 @@ def test_a_line_of_json_has_the_motion_or_the_counts_of_the_wheels() -> None:
 
 
 def test_counts_that_start_anew_are_no_speed() -> None:
-    lines = JsonLines(RoverDriverConfig(ticks_per_m=1000.0))
+    lines = OdometryLines(RoverDriverConfig(ticks_per_m=1000.0))
     lines.receive(b'{"yaw_rad": 0.5, "ticks": [900000, 900000]}\n', S)
     assert lines.receive(b'{"yaw_rad": 0.5, "ticks": [0, 0]}\n', S + S // 10) == []
     assert len(lines.receive(b'{"yaw_rad": 0.5, "ticks": [10, 10]}\n', S + S // 5)) == 1
@@ -110,7 +110,7 @@ def test_counts_that_start_anew_are_no_speed() -> None:
     "line", [b"{}", b"[]", b'{"yaw_rad": 9, "speed_mps": 0}', b'{"yaw_rad": null}', b"\xff", b"[" * 4000]
 )
 def test_a_line_that_is_no_odometry_is_counted(line: bytes) -> None:
-    lines = JsonLines(RoverDriverConfig())
+    lines = OdometryLines(RoverDriverConfig())
     assert lines.receive(line + b"\n", S) == []
     assert lines.bad == 1
 
@@ -129,7 +129,7 @@ def test_no_bytes_raise_however_they_are_cut_and_the_next_good_ones_are_read(
     kind: str, noise: bytes, cuts: list[int]
 ) -> None:
     data = noise + b"\n" + GOOD[kind]
-    parser = Nmea() if kind == "nmea" else JsonLines(RoverDriverConfig())
+    parser = Nmea() if kind == "nmea" else OdometryLines(RoverDriverConfig())
     bounds = [0, *sorted(min(cut, len(data)) for cut in cuts), len(data)]
     readings = [each for begin, end in pairwise(bounds) for each in parser.receive(data[begin:end], S)]
     assert readings

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from jezero.services.uwb.config import Format
 from jezero.services.uwb.dwm1001 import PROMPT, START, WAKE, Dwm1001
 from jezero.services.uwb.formats import Round, parser_of
-from jezero.services.uwb.json_lines import JsonLines
+from jezero.services.uwb.json_lines import RangeLines
 from jezero.services.uwb.nooploop import Nooploop
 
 MS = 1_000_000
@@ -133,13 +133,13 @@ def test_a_negative_distance_of_nooploop_is_left_out() -> None:
      b'{"ranges_m": {"A": 1e999}}', b"[" * 4000, b"x" * 9000],
 )  # fmt: skip
 def test_a_line_that_is_no_object_with_ranges_is_counted(line: bytes) -> None:
-    parser = JsonLines()
+    parser = RangeLines()
     assert parser.receive(line + b"\n") == []
     assert parser.bad == 1
 
 
 def test_a_line_of_json_may_have_other_fields_and_no_ranges() -> None:
-    parser = JsonLines()
+    parser = RangeLines()
     assert parser.receive(b'{"battery_v": 3.9, "ranges_m": {"a1": 2}}\n{"ranges_m": {}}\r\n\r\n') == [{"A1": 2.0}]
     assert parser.bad == 0
 

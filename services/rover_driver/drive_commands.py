@@ -16,7 +16,7 @@ STOP_PERIOD_NS = NS_PER_S // 2
 """The stop is sent again and again, as a line may lose it."""
 
 
-class Drive:
+class DriveCommands:
     """The newest command, and the lines that are due."""
 
     def __init__(self) -> None:

@@ -3,7 +3,7 @@
 import msgspec
 
 
-class Reading(msgspec.Struct, frozen=True):
+class RoverMotion(msgspec.Struct, frozen=True):
     """One measurement of the rover's motion.
 
     Attributes:
