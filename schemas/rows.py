@@ -33,6 +33,7 @@ class Topic(Generic[M]):
             published by the service `rover` there, or by a real rover's driver; without either by `writer`.
         link_hz: greatest rate at which it crosses a link to another computer; None for as published, 0 for never.
         urgent: whether it goes first on a link that has no room for all.
+        driver: name of the service that publishes it on a real vehicle, in place of `writer`; "" for `writer` itself.
     """
 
     name: str
@@ -42,6 +43,7 @@ class Topic(Generic[M]):
     host: Host = "vehicle"
     link_hz: float | None = None
     urgent: bool = False
+    driver: str = ""
 
     @cached_property
     def struct(self) -> Any:

@@ -22,14 +22,16 @@ from jezero.schemas import (
 )
 from jezero.schemas.rows import CLIENTS, EVERY_ACTION, GOAL_IN_CHARGE, Action, Endpoint, Topic, refusing
 
-CLOCK = Topic("clock", state.Clock, 10.0, "simulator", urgent=True)
+CLOCK = Topic("clock", state.Clock, 10.0, "simulator", urgent=True, driver="vehicle_bridge")
 IMU = Topic("sensor/imu", sensors.Imu, 50.0, "simulator", link_hz=5.0)
 GNSS = Topic("sensor/gnss", sensors.Gnss, 10.0, "simulator", link_hz=2.0)
 BARO = Topic("sensor/baro", sensors.Barometer, 10.0, "simulator", link_hz=1.0)
 MAG = Topic("sensor/mag", sensors.Magnetometer, 10.0, "simulator", link_hz=1.0)
-ALTIMETER = Topic("sensor/altimeter", sensors.Altimeter, 25.0, "simulator", link_hz=5.0)
-UWB = Topic("sensor/uwb", sensors.Uwb, 20.0, "simulator", link_hz=5.0)
-ROVER_ODOMETRY = Topic("rover/odometry", sensors.RoverOdometry, 25.0, "simulator", host="rover", urgent=True)
+ALTIMETER = Topic("sensor/altimeter", sensors.Altimeter, 25.0, "simulator", link_hz=5.0, driver="vehicle_bridge")
+UWB = Topic("sensor/uwb", sensors.Uwb, 20.0, "simulator", link_hz=5.0, driver="uwb")
+ROVER_ODOMETRY = Topic(
+    "rover/odometry", sensors.RoverOdometry, 25.0, "simulator", host="rover", urgent=True, driver="rover_driver"
+)
 TRUTH = Topic("truth", state.Truth, 50.0, "simulator", link_hz=5.0)
 ODOMETRY = Topic("odometry", state.Odometry, 50.0, "vehicle_bridge", link_hz=10.0)
 STATUS = Topic("status", state.Status, 10.0, "vehicle_bridge", urgent=True)

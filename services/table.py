@@ -96,6 +96,20 @@ SERVICES: tuple[ServiceRow, ...] = (
         profiles=("rover",),
     ),
     ServiceRow(
+        name="rover_driver",
+        about="The driver of a real rover.",
+        maker="jezero.services.rover_driver.service:RealRover",
+        settings="jezero.services.rover_driver.config:RoverDriverConfig",
+        profiles=("rover",),
+    ),
+    ServiceRow(
+        name="uwb",
+        about="The driver of a real UWB module.",
+        maker="jezero.services.uwb.service:UwbDriver",
+        settings="jezero.services.uwb.config:UwbDriverConfig",
+        profiles=("onboard",),
+    ),
+    ServiceRow(
         name="vehicle_bridge",
         about="The vehicle bridge.",
         maker="jezero.services.vehicle_bridge.service:VehicleBridge",

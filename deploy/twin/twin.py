@@ -20,6 +20,7 @@ from types import FrameType
 from jezero.base.config import config_directory
 from jezero.deploy.launcher.ports import HOST, instance_environment, reserved_instance
 from jezero.deploy.twin.line import Line
+from jezero.deploy.twin.modules import Modules, running_modules
 from jezero.runtime.instance import Instance
 
 VEHICLE = "twin"
@@ -52,10 +53,16 @@ def write_settings(folder: Path, instance: Instance, baud: int) -> Path:
     return settings
 
 
-def _set(path: Path, field: str, value: str) -> None:
-    """Set a field of the first table of a file."""
+def _set(path: Path, field: str, value: str, table: str = "") -> None:
+    """Set a field of a table of a file, of its first table without one."""
     text = re.sub(rf"^{field} *=.*\n", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
-    path.write_text(f"{field} = {value}\n{text}", encoding="utf-8")
+    if not table:
+        text = f"{field} = {value}\n{text}"
+    elif f"[{table}]\n" in text:
+        text = text.replace(f"[{table}]\n", f"[{table}]\n{field} = {value}\n", 1)
+    else:
+        text += f"\n[{table}]\n{field} = {value}\n"
+    path.write_text(text, encoding="utf-8")
 
 
 @contextmanager
@@ -72,6 +79,7 @@ def running_hardware(folder: Path, drift_ppm: float) -> Iterator[Instance]:
     settings, run_dir = folder / "hardware" / "config", folder / "hardware" / "run"
     shutil.copytree(config_directory(), settings, dirs_exist_ok=True)
     _set(settings / "simulator.toml", "pace", f"{1.0 + 1e-6 * drift_ppm:.6f}")
+    _set(settings / "simulator.toml", "on_hil", "true", "altimeter")  # the rangefinder is the flight controller's
     with reserved_instance(VEHICLE) as instance:
         own = {"JEZERO_CONFIG_DIR": str(settings), "JEZERO_RUN_DIR": str(run_dir), "JEZERO_RECORD": "0"}
         dropped = ("JEZERO_LISTEN", "JEZERO_CONNECT", "JEZERO_KEYS")
@@ -96,9 +104,11 @@ class Twin:
         folder: where the devices are made.
         instance: the hardware's.
         baud: that of the flight controller's line.
+        modules: what is on other lines.
     """
 
-    def __init__(self, folder: Path, instance: Instance, baud: int) -> None:
+    def __init__(self, folder: Path, instance: Instance, baud: int, modules: Modules) -> None:
+        self._modules = modules
         self.controller = Line(folder / CONTROLLER, baud)
         self._autopilot = (HOST, instance.autopilot_offboard_port)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -121,6 +131,7 @@ class Twin:
         """Relay until `stop` is called."""
         while not self._stopping:
             select.select([self._socket], [], [], TURN_S)
+            self._modules.turn(time.monotonic())
             with suppress(BlockingIOError, ConnectionRefusedError):
                 while True:
                     self.controller.put(self._socket.recv(CHUNK))
@@ -143,16 +154,22 @@ def run_twin(folder: Path, baud: int, drift_ppm: float) -> int:
     """
     folder = folder.resolve()
     folder.mkdir(parents=True, exist_ok=True)
-    with running_hardware(folder, drift_ppm) as instance:
+    with running_hardware(folder, drift_ppm) as instance, running_modules(folder, instance) as modules:
         settings = write_settings(folder, instance, baud)
-        twin = Twin(folder, instance, baud)
+        for file, table, field, value in modules.settings:
+            _set(settings / f"{file}.toml", field, value, table)
+        twin = Twin(folder, instance, baud, modules)
         try:
             signal.signal(signal.SIGTERM, twin.stop)
             signal.signal(signal.SIGINT, twin.stop)
             signal.signal(signal.SIGUSR1, twin.pull_or_put_plug)
             print(f"flight controller  serial:{twin.controller.path}:{baud}")
+            for name, device in modules.devices.items():
+                print(f"{name:<18} {device}")
             print("fly it with        ", end="")
-            print(f"JEZERO_CONFIG_DIR={settings} jezero up --profile onboard --profile ground", flush=True)
+            print(
+                f"JEZERO_CONFIG_DIR={settings} jezero up --profile onboard --profile rover --profile ground", flush=True
+            )
             twin.run()
         finally:
             twin.close()

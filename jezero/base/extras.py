@@ -11,7 +11,7 @@ EXTRAS = {
     "nicegui": "ground", "uvicorn": "ground", "fastapi": "ground", "starlette": "ground", "itsdangerous": "ground",
     "argon2": "ground", "websockets": "ground",
     "scipy": "services", "pymavlink": "services", "fastcrc": "services", "filterpy": "services", "cv2": "services",
-    "pupil_apriltags": "services",
+    "pupil_apriltags": "services", "serial": "services", "pynmeagps": "services",
     "pybullet": "sim", "moderngl": "sim",
 }  # fmt: skip
 """Extra of each optional package, by the name that is imported."""

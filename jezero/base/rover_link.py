@@ -6,10 +6,8 @@ The simulator sends `RoverOdometry`, the rover's computer sends `RoverCommand`, 
 from typing import Generic, TypeVar
 
 from jezero.base.codec import BadPayloadError, decode, encode
+from jezero.base.lines import Lines
 from jezero.schemas.struct import Message
-
-LINE_MAX_BYTES = 4096
-"""Longer lines are dropped: both messages are much shorter."""
 
 M = TypeVar("M", bound=Message)
 
@@ -31,25 +29,22 @@ class MessageLines(Generic[M]):
     """
 
     def __init__(self, kind: type[M]) -> None:
-        self.dropped = 0
+        self._invalid = 0
         self._kind = kind
-        self._rest = b""
-        """Beginning of a line; one byte above the limit at most, so that a line that is too long stays too long."""
+        self._lines = Lines()
+
+    @property
+    def dropped(self) -> int:
+        return self._invalid + self._lines.too_long
 
     def receive(self, data: bytes) -> list[M]:
         """Messages of the lines that are complete with these bytes, oldest first."""
-        if not data:
-            return []
-        *lines, rest = (self._rest + data).split(b"\n")
-        self._rest = rest[: LINE_MAX_BYTES + 1]
         messages: list[M] = []
-        for line in lines:
+        for line in self._lines.receive(data):
             try:
-                if len(line) > LINE_MAX_BYTES:
-                    raise BadPayloadError("too long")
                 messages.append(decode(self._kind, line))
             except BadPayloadError:
-                self.dropped += 1
+                self._invalid += 1
         return messages
 
     @property

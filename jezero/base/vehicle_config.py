@@ -180,7 +180,12 @@ class UwbLayoutConfig(Config, frozen=True, kw_only=True):
     Attributes:
         pos_tag_frd_m: position of the UWB tag's antenna.
         pos_anchors_rover_body_m: positions of the anchors: three or more, not all on one line.
+        id_anchors: ids of the anchors' modules, in the order of their positions, for the driver of a real UWB module;
+            empty for none.
         range_max_m: greatest range that is measured.
+
+    Raises:
+        ValueError: not one id for each position, or two anchors have one id.
     """
 
     pos_tag_frd_m: Place = (0.0, 0.0, 0.05)
@@ -190,7 +195,15 @@ class UwbLayoutConfig(Config, frozen=True, kw_only=True):
         (-0.45, -0.45, 0.0),
         (-0.45, 0.45, 0.0),
     )
+    id_anchors: tuple[Annotated[str, Meta(min_length=1, max_length=32)], ...] = ()
     range_max_m: Positive = 15.0
+
+    def __post_init__(self) -> None:
+        ids, places = self.id_anchors, self.pos_anchors_rover_body_m
+        if ids and len(ids) != len(places):
+            raise ValueError(f"id_anchors has {len(ids)} ids, pos_anchors_rover_body_m {len(places)} positions")
+        if len({each.upper() for each in ids}) != len(ids):
+            raise ValueError("two anchors have one id in id_anchors")
 
 
 class PlatformConfig(Config, frozen=True, kw_only=True):

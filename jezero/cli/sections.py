@@ -66,6 +66,8 @@ SECTIONS: dict[str, dict[str, Listed]] = {
     "Hardware": {
         "twin": Listed("jezero.cli.twin", "twin", "Run a simulated vehicle as hardware would be, to rehearse.", "sim"),
         "px4": Listed("jezero.cli.px4", "px4", "Compare and set a real flight controller's parameters.", "services"),
+        "uwb": Listed("jezero.cli.uwb", "uwb", "Test the UWB ranges, and find the places of the anchors.", "services"),
+        "tag": Listed("jezero.cli.tag", "tag", "Print the tags on the rover's platform.", "report"),
     },
     "Missions": {
         "fence": Listed("jezero.cli.missions", "fence", "Set the places to stay in and out of."),

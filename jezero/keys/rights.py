@@ -30,6 +30,8 @@ ALL_MESSAGES = (
     "put", "delete", "declare_subscriber", "query", "declare_queryable", "reply",
     "liveliness_token", "liveliness_query", "declare_liveliness_subscriber",
 )  # fmt: skip
+ROVER_SERVICES = ("rover", "rover_driver")
+"""Services of the rover's computer."""
 BOTH, IN, OUT = ("ingress", "egress"), ("ingress",), ("egress",)
 EVERY_VEHICLE = "*"
 """The router of a computer's own programs may serve several vehicles."""
@@ -45,7 +47,10 @@ def written_by(role: Role) -> tuple[str, ...]:
     if role == "vehicle":
         return ("**",)
     if role == "rover":
-        return (*(topic.name for topic in TOPICS if topic.host == "rover"), health_of("rover").name)
+        return (
+            *(topic.name for topic in TOPICS if topic.host == "rover"),
+            *(health_of(name).name for name in ROVER_SERVICES),
+        )
     if RANK_OF[role] == "pilot":
         return tuple(topic.name for topic in TOPICS if topic.writer == CLIENTS)
     return ()
@@ -137,7 +142,7 @@ def _may(role: Role, rank: Rank) -> bool:
 def _tokens_of(role: Role) -> tuple[str, ...]:
     """Kinds of the liveliness tokens that a role may declare; a viewer needs none, as it has no goals."""
     if role == "rover":
-        return ("client", "service/rover")
+        return ("client", *(f"service/{name}" for name in ROVER_SERVICES))
     return ("client",) if _may(role, "pilot") else ()
 
 

@@ -1,4 +1,5 @@
-"""The autopilot's end of PX4's simulator interface: receives HIL_SENSOR and HIL_GPS, sends HIL_ACTUATOR_CONTROLS.
+"""The autopilot's end of PX4's simulator interface: receives HIL_SENSOR, HIL_GPS and DISTANCE_SENSOR, sends
+HIL_ACTUATOR_CONTROLS.
 
 Source: MAVLink common dialect; PX4 v1.15 `simulator_mavlink`.
 """
@@ -13,6 +14,7 @@ from jezero.services.autopilot.alignment import Fix
 from jezero.services.autopilot.mixer import Commands
 
 ARMED = 128
+DOWN = dialect.MAV_SENSOR_ROTATION_PITCH_270
 UPDATED_IMU = 0x3F
 UPDATED_MAG = 0x1C0
 UPDATED_BARO = 0x800
@@ -42,6 +44,20 @@ class SensorSample(msgspec.Struct, frozen=True, gc=False):
     altitude_pressure_m: float | None
 
 
+class RangeSample(msgspec.Struct, frozen=True, gc=False):
+    """One DISTANCE_SENSOR of a rangefinder that points down.
+
+    Attributes:
+        t_ms: time of the measurement.
+        range_cm: distance; outside of the limits where nothing was met.
+        limits_cm: smallest and greatest distance that is measured.
+    """
+
+    t_ms: int
+    range_cm: int
+    limits_cm: tuple[int, int]
+
+
 class HilLink:
     """One connection to a simulator."""
 
@@ -53,7 +69,7 @@ class HilLink:
         """Number of malformed messages, and of those with impossible numbers."""
         return self._codec.malformed
 
-    def receive(self, data: bytes) -> Iterator[SensorSample | Fix]:
+    def receive(self, data: bytes) -> Iterator[SensorSample | Fix | RangeSample]:
         """Parse bytes; yields the measurements in order."""
         for message in self._codec.parse(data):
             kind = message.get_msgId()
@@ -61,6 +77,9 @@ class HilLink:
                 yield self._sample(message)
             elif kind == dialect.MAVLINK_MSG_ID_HIL_GPS:
                 yield _fix(message)
+            elif kind == dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR and message.orientation == DOWN:
+                limits_cm = (message.min_distance, message.max_distance)
+                yield RangeSample(message.time_boot_ms, message.current_distance, limits_cm)
 
     def _sample(self, message: MavMessage) -> SensorSample:
         """Convert a HIL_SENSOR; measurements that are not updated, or impossible, become None."""

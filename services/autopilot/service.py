@@ -11,7 +11,7 @@ from jezero.schemas.units import GRAVITY_MPS2
 from jezero.services.autopilot.alignment import Fix
 from jezero.services.autopilot.config import AutopilotConfig, SigningConfig
 from jezero.services.autopilot.estimator import StateEstimator
-from jezero.services.autopilot.hil import HilLink, SensorSample
+from jezero.services.autopilot.hil import HilLink, RangeSample, SensorSample
 from jezero.services.autopilot.mavlink_interface import MavlinkInterface, signing_by_link
 from jezero.services.autopilot.multicopter import MulticopterController
 from jezero.services.autopilot.parameters import Parameters
@@ -95,6 +95,8 @@ class Autopilot:
                 yield Send(HIL, self._on_sample(item))
             elif type(item) is Fix:
                 self._vehicle.on_fix(item)
+            elif type(item) is RangeSample:
+                self._vehicle.newest_range = item
         yield from self._mavlink.handle_messages(inbox)
         yield from self._mavlink.send_telemetry(inbox)
         health = self._current_health(inbox)

@@ -9,6 +9,7 @@ from jezero.base.frames import Quat, Vec3, altitude_m, euler_from_quat, geodetic
 from jezero.base.mavlink import MavMessage, dialect
 from jezero.services.autopilot.alignment import Fix
 from jezero.services.autopilot.control import ControlSetpoint
+from jezero.services.autopilot.hil import RangeSample
 
 PREARM = dialect.MAV_SYS_STATUS_PREARM_CHECK
 SENSORS = (
@@ -47,6 +48,7 @@ class Snapshot(msgspec.Struct, frozen=True, gc=False):
         vel_setpoint_ned_mps: (3,) velocity setpoint after position control and limits.
         fix: the newest GNSS fix.
         fix_us: time at which it arrived.
+        newest_range: of the rangefinder that points down; this autopilot passes it on and makes no other use of it.
         thrust: collective thrust, 0 to 1.
         battery_remaining: fraction of the capacity, 0 to 1.
         battery_level: 0 normal, 1 low, 2 critical, 3 emergency.
@@ -72,6 +74,7 @@ class Snapshot(msgspec.Struct, frozen=True, gc=False):
     vel_setpoint_ned_mps: Vec3
     fix: Fix | None
     fix_us: int
+    newest_range: RangeSample | None
     thrust: float
     battery_v: float
     battery_a: float
@@ -233,6 +236,14 @@ def _gps_raw(now: Snapshot) -> MavMessage | None:
     )
 
 
+def _distance_sensor(now: Snapshot) -> MavMessage | None:
+    found = now.newest_range
+    if found is None:
+        return None
+    kind, down = dialect.MAV_DISTANCE_SENSOR_LASER, dialect.MAV_SENSOR_ROTATION_PITCH_270
+    return dialect.MAVLink_distance_sensor_message(found.t_ms, *found.limits_cm, found.range_cm, kind, 0, down, 255)
+
+
 def _course_rad(north: float, east: float) -> float:
     return atan2(east, north) % (2.0 * pi)
 
@@ -297,6 +308,7 @@ STREAMS: dict[int, Callable[[Snapshot], MavMessage | None]] = {
     dialect.MAVLINK_MSG_ID_BATTERY_STATUS: _battery_status,
     dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _global_position,
     dialect.MAVLINK_MSG_ID_GPS_RAW_INT: _gps_raw,
+    dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: _distance_sensor,
     dialect.MAVLINK_MSG_ID_VFR_HUD: _vfr_hud,
     dialect.MAVLINK_MSG_ID_ALTITUDE: _altitude,
     dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: _global_origin,

@@ -11,7 +11,7 @@ from jezero.services.autopilot.battery import BatteryModel
 from jezero.services.autopilot.commander import Commander, CommanderState
 from jezero.services.autopilot.config import AutopilotConfig, StateEstimatorConfig
 from jezero.services.autopilot.control import Axes, ControlSetpoint, Kinematics, stopping_point_ned_m
-from jezero.services.autopilot.hil import SensorSample
+from jezero.services.autopilot.hil import RangeSample, SensorSample
 from jezero.services.autopilot.land_detector import LandDetector
 from jezero.services.autopilot.mixer import STOPPED, Commands
 from jezero.services.autopilot.modes import Mode
@@ -147,6 +147,7 @@ class AutopilotVehicle:
         self._battery = BatteryModel(parameters.battery, config.charge_at_start, config.control.mpc_thr_hover)
         self._fix: Fix | None = None
         self._fix_us: int | None = None
+        self.newest_range: RangeSample | None = None
         self._valid_fix_us: int | None = None
         self._mag_us: int | None = None
         self._baro_us: int | None = None
@@ -400,6 +401,7 @@ class AutopilotVehicle:
             vel_setpoint_ned_mps=self._flight_controller.vel_setpoint_ned_mps,
             fix=self._fix,
             fix_us=self._fix_us or 0,
+            newest_range=self.newest_range,
             thrust=self._thrust,
             battery_v=battery.voltage_v,
             battery_a=battery.current_a,

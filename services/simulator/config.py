@@ -248,6 +248,7 @@ class AltimeterConfig(Config, frozen=True, kw_only=True):
         std_m: standard deviation of the white noise of a range.
         std_bias_m: standard deviation of the slowly varying error of the range.
         tau_bias_s: time constant of the slowly varying error.
+        on_hil: whether the autopilot gets the ranges too, as DISTANCE_SENSOR. PX4 may then use them for its own height.
     """
 
     rate_hz: Rate = 25.0
@@ -255,6 +256,7 @@ class AltimeterConfig(Config, frozen=True, kw_only=True):
     std_m: NonNegative = 0.025
     std_bias_m: NonNegative = 0.005
     tau_bias_s: Positive = 600.0
+    on_hil: bool = False
 
 
 class UwbConfig(Config, frozen=True, kw_only=True):

@@ -1,4 +1,4 @@
-"""PX4's simulator interface: HIL_SENSOR and HIL_GPS out, HIL_ACTUATOR_CONTROLS in.
+"""PX4's simulator interface: HIL_SENSOR, HIL_GPS and DISTANCE_SENSOR out, HIL_ACTUATOR_CONTROLS in.
 
 Source: MAVLink common dialect; PX4 v1.15 `simulator_mavlink`, which uses a group of fields only when all its bits of
 `fields_updated` are set.
@@ -9,7 +9,8 @@ from math import atan2, degrees, hypot, inf, sqrt
 
 from jezero.base.frames import Vec3
 from jezero.base.mavlink import FramePacker, MavlinkCodec, MavMessage, dialect
-from jezero.schemas.sensors import Barometer, Gnss, Magnetometer
+from jezero.base.vehicle_config import AltimeterMountConfig
+from jezero.schemas.sensors import Altimeter, Barometer, Gnss, Magnetometer
 
 SYSTEM_ID = 1
 COMPONENT_ID = 25
@@ -89,6 +90,16 @@ class HilPort:
                 round(course_deg * 100.0) % 36_000,
                 fix.satellites,
             )
+        )
+
+    def distance(self, altimeter: Altimeter, mount: AltimeterMountConfig) -> bytes:
+        """DISTANCE_SENSOR; a beam that meets nothing has a distance beyond the limits."""
+        min_cm, max_cm = round(100.0 * mount.range_min_m), round(100.0 * mount.range_max_m)
+        range_cm = max_cm + 1 if altimeter.range_m is None else round(100.0 * altimeter.range_m)
+        kind, down = dialect.MAV_DISTANCE_SENSOR_LASER, dialect.MAV_SENSOR_ROTATION_PITCH_270
+        t_ms = altimeter.t_ns // 1_000_000 & 0xFFFFFFFF
+        return self._codec.pack(
+            dialect.MAVLink_distance_sensor_message(t_ms, min_cm, max_cm, range_cm, kind, 0, down, 255)
         )
 
 

@@ -237,6 +237,8 @@ class Simulator:
             self._when_altimeter.put(t_ns, self._altimeter.measure(t_ns, range_m))
         if (altimeter := self._when_altimeter.arrived(t_ns)) is not None:
             yield Publish(topics.ALTIMETER, altimeter)
+            if self._config.altimeter.on_hil:
+                yield Send(HIL, self._hil.distance(altimeter, self._vehicle.altimeter))
         if self._when_uwb.due(t_ns):
             self._when_uwb.put(t_ns, self._uwb.measure(t_ns, state, self._rover.state))
         if (uwb := self._when_uwb.arrived(t_ns)) is not None:

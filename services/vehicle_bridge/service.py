@@ -112,12 +112,12 @@ class VehicleBridge:
             "name": name,
             "kept_epoch": kept_epoch,
         }
-        outputs = (CLOCK, *SPEC.outputs) if config.link else SPEC.outputs
+        outputs = (*SPEC.outputs, *((CLOCK, ALTIMETER) if config.link else ()))
         self.spec = replace(SPEC, outputs=outputs, rate_hz=config.rate_hz, made_with=made_with)
         self._config = config
         self._boot_id = boot_id
         self._actions = actions
-        self._link = AutopilotLink(system_id, {} if config.link else config.parameters, judges_rate=bool(config.link))
+        self._link = AutopilotLink(system_id, {} if config.link else config.parameters, on_hardware=bool(config.link))
         self._controller = ControllerClock(boot_id, kept_epoch, keep_epoch) if config.link else None
         """The clock of a real vehicle's flight controller; None where the simulator is the master of vehicle time."""
         self._foreign_setpoints = ForeignSetpointDetector()
@@ -160,6 +160,9 @@ class VehicleBridge:
         self._judge_rate(inbox.wall_ns)
         for odometry in batch.odometry:  # first: the goal in charge waits for it
             yield Publish(ODOMETRY, odometry)
+        if self._controller is not None:
+            for altimeter in batch.altimeter:
+                yield Publish(ALTIMETER, altimeter)
         vehicle = self._snapshot(self._vehicle_time_ns(t_ns), inbox)
         for odometry in batch.odometry:
             self._wind.update(odometry, vehicle)
@@ -487,6 +490,8 @@ class VehicleBridge:
             text += f"; the line is too narrow for ODOMETRY: position and attitude instead, {rate.hz:.0f} Hz"
         if self._controller is not None and (offset := self._controller.sync.offset) is not None:
             text += f"; {offset.text}"
+            if self._link.telemetry.altimeter is None:
+                text += "; the flight controller sends no DISTANCE_SENSOR: without a rangefinder nothing lands"
         if self._link.parameters.failed:
             text += f"; {self._link.parameters.failure_text}"
         if self._link.malformed:

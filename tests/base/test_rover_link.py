@@ -3,7 +3,8 @@
 import pytest
 
 from jezero.base.config import ConfigError
-from jezero.base.rover_link import LINE_MAX_BYTES, MessageLines, line_of
+from jezero.base.lines import LINE_MAX_BYTES
+from jezero.base.rover_link import MessageLines, line_of
 from jezero.runtime.instance import Instance, checked_host
 from jezero.runtime.node import LINK_BYTES_MAX, Mailbox
 from jezero.schemas.commands import RoverCommand
@@ -21,7 +22,7 @@ def test_a_line_without_end_takes_no_memory_and_counts_as_one_bad_message() -> N
     lines = MessageLines(RoverCommand)
     for _ in range(100):
         assert lines.receive(b"1" * LINE_MAX_BYTES) == []
-        assert len(lines._rest) <= LINE_MAX_BYTES + 1
+        assert len(lines._lines.rest) <= LINE_MAX_BYTES + 1
     assert lines.receive(b"\n" + line_of(COMMAND)) == [COMMAND]
     assert lines.dropped == 1
 

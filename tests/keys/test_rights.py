@@ -67,6 +67,7 @@ ASKED = {name_of(endpoint): endpoint for endpoint in ENDPOINTS}
 TOKENS = {
     ("client", "py-1"): {*PILOTS, "rover", *SERVICES},
     ("service", "rover"): {"rover", *SERVICES},
+    ("service", "rover_driver"): {"rover", *SERVICES},
     ("service", "estimator"): SERVICES,
 }
 """Kind and name of liveliness tokens, and who may declare them."""

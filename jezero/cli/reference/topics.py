@@ -49,11 +49,17 @@ def topic_rows(actions: Actions = ACTIONS) -> list[Row]:
             "type": topic.struct.__name__,
             "rate_hz": topic.rate_hz,
             "link_hz": topic.rate_hz if topic.link_hz is None else topic.link_hz,
-            "writer": topic.writer if topic.host == "vehicle" else f"{topic.writer} or {topic.host}",
+            "writer": " or ".join(_writers(topic)),
             "readers": [s.name for s in specs if topic in (*s.inputs, *s.on_demand)],
         }
         for topic in all_topics(actions)
     ]
+
+
+def _writers(topic: Topic[Any]) -> list[str]:
+    """Services that may publish a topic: in the simulation, on the rover's computer, on a real vehicle."""
+    names = (topic.writer, "rover" if topic.host == "rover" else "", topic.driver)
+    return [name for name in names if name]
 
 
 def endpoint_rows(actions: Actions = ACTIONS) -> list[Row]:

@@ -21,7 +21,7 @@ NAN = float("nan")
 class Box:
     """The autopilot's inbox with all links up."""
 
-    wall_ns = 0
+    wall_ns = stalled_ns = 0
     connected = True
     has_requests = False
     departed: Sequence[str] = ()
@@ -338,3 +338,15 @@ def test_commands_for_another_system_are_not_even_answered(bench: Bench) -> None
     bench.rest(5.0)
     foreign = bench.companion.pack(dialect.MAVLink_command_long_message(2, 1, ARM, 0, 1.0, 0, 0, 0, 0, 0, 0))
     assert kinds(bench.step(b"", foreign)[OFFBOARD], dialect.MAVLINK_MSG_ID_COMMAND_ACK) == []
+
+
+def test_the_range_of_the_simulators_rangefinder_is_passed_on_when_it_is_requested(bench: Bench) -> None:
+    kind = dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR
+    bench.step(bench.sensor())
+    assert bench.command(INTERVAL, kind, 40_000.0)[0] == dialect.MAV_RESULT_ACCEPTED
+    for t_ms, range_cm, orientation in ((70, 230, 25), (71, 990, 0)):
+        sent = dialect.MAVLink_distance_sensor_message(t_ms, 15, 1000, range_cm, 0, 0, orientation, 255)
+        bench.step(bench.simulator.pack(sent))
+    passed = kinds([message for _ in range(20) for message in bench.step(bench.sensor())[OFFBOARD]], kind)
+    numbers = {(m.time_boot_ms, m.min_distance, m.max_distance, m.current_distance) for m in passed}
+    assert numbers == {(70, 15, 1000, 230)}

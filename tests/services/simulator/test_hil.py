@@ -5,7 +5,8 @@ from typing import Any
 import pytest
 
 from jezero.base.mavlink import MavlinkCodec, dialect
-from jezero.schemas.sensors import Barometer, Gnss, Magnetometer
+from jezero.base.vehicle_config import AltimeterMountConfig
+from jezero.schemas.sensors import Altimeter, Barometer, Gnss, Magnetometer
 from jezero.services.simulator.hil import HilPort
 
 T_NS = 1_234_568_000
@@ -96,3 +97,14 @@ def test_a_message_may_come_in_two_pieces() -> None:
     assert port.commands_received == 0
     port.receive(data[20:])
     assert port.commands_received == 1
+
+
+@pytest.mark.parametrize(("range_m", "range_cm"), [(2.347, 235), (None, 1001)])
+def test_a_range_is_in_centimetres_and_beyond_the_limits_where_nothing_is_met(
+    range_m: float | None, range_cm: int
+) -> None:
+    mount = AltimeterMountConfig(range_min_m=0.15, range_max_m=10.0)
+    message = decoded(HilPort().distance(Altimeter(t_ns=T_NS, range_m=range_m), mount))
+    assert message.get_msgId() == dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR
+    assert (message.time_boot_ms, message.current_distance) == (1234, range_cm)
+    assert (message.min_distance, message.max_distance, message.orientation) == (15, 1000, 25)

@@ -1,7 +1,8 @@
 """While the rover's computer is connected, its link carries the rover's two topics, and the bus does not."""
 
 from jezero.base.codec import decode
-from jezero.base.rover_link import LINE_MAX_BYTES, line_of
+from jezero.base.lines import LINE_MAX_BYTES
+from jezero.base.rover_link import line_of
 from jezero.runtime.service import Health, Output, Send
 from jezero.schemas import topics
 from jezero.schemas.commands import RoverCommand

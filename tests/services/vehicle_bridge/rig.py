@@ -214,8 +214,7 @@ class Box:
     """The bridge's inbox."""
 
     def __init__(self) -> None:
-        self.wall_ns = 0
-        self.stalled_ns = 0
+        self.wall_ns = self.stalled_ns = 0
         self.connected = True
         self.departed: Sequence[str] = ()
         self.responses: Sequence[Any] = ()

@@ -210,3 +210,36 @@ def test_the_same_flight_gives_the_same_bytes() -> None:
         return list(rig.outputs)
 
     assert flight() == flight()
+
+
+def distance(t_ms: int = 1000, range_cm: int = 234, *, orientation: int = 25, quality: int = 0) -> MavMessage:
+    return dialect.MAVLink_distance_sensor_message(
+        t_ms, 15, 1000, range_cm, 0, 0, orientation, 255, signal_quality=quality
+    )
+
+
+@pytest.mark.parametrize(
+    ("message", "range_m"),
+    [
+        (distance(), 2.34),
+        (distance(range_cm=14), None),
+        (distance(range_cm=1001), None),
+        (distance(quality=1), None),
+        (distance(quality=100), 2.34),
+    ],
+)
+def test_a_range_downwards_is_the_altimeters_in_the_autopilots_time(message: MavMessage, range_m: float | None) -> None:
+    (altimeter,) = receive(AutopilotLink(1, on_hardware=True), message).altimeter
+    assert (altimeter.t_ns, altimeter.range_m) == (S, range_m)
+
+
+def test_a_range_to_the_front_and_one_that_comes_twice_are_no_altimeter_readings() -> None:
+    link = AutopilotLink(1, on_hardware=True)
+    assert not receive(link, distance(orientation=0)).altimeter
+    assert len(receive(link, distance(), distance()).altimeter) == 1
+
+
+def test_ranges_are_requested_of_a_real_vehicles_autopilot_only() -> None:
+    for link, wanted in ((AutopilotLink(1, on_hardware=True), True), (AutopilotLink(1), False)):
+        asked = {int(message.param1) for message in MavlinkCodec(1, 1).parse(link.request_intervals())}
+        assert (dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR in asked) is wanted
