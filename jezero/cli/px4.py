@@ -2,41 +2,25 @@
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import click
 import msgspec
-from msgspec import Meta
 
-from jezero.base.config import Config, config_directory, load_config
+from jezero.base.config import config_directory, load_config
 from jezero.base.extras import require
 from jezero.base.files import describe_os_error
 from jezero.base.mistakes import mistake
 from jezero.cli.terminal import REFUSED, print_table
-from jezero.schemas.struct import END
 
 if TYPE_CHECKING:
     from jezero.runtime.links import SocketLink
-    from jezero.services.vehicle_bridge.controller_parameters import ParameterExchange
+    from jezero.services.vehicle_bridge.controller_parameters import Parameter, ParameterExchange
 
 SILENCE_MAX_S = 6.0
 TURN_S = 0.01
 REBOOTS = ("MAV_", "SER_")
 """Beginnings of parameters that PX4 reads at its start only."""
-
-
-class Parameter(Config, frozen=True, kw_only=True):
-    """One parameter: 1 is an integer, 1.0 a float."""
-
-    name: Annotated[str, Meta(pattern=rf"^[A-Z][A-Z0-9_]{{0,15}}{END}")]
-    value: int | float
-    why: str = ""
-
-
-class ParameterFile(Config, frozen=True, kw_only=True):
-    """Contents of a file of parameters."""
-
-    parameter: list[Parameter]
 
 
 @click.group()
@@ -105,7 +89,10 @@ def load(file: Path | None, link: str, system_id: int, yes: bool) -> None:
         click.echo("start the flight controller anew: it reads some of them at its start only")
 
 
-def _read(file: Path | None) -> list[Parameter]:
+def _read(file: Path | None) -> list["Parameter"]:
+    require("`jezero px4`", "pymavlink", "serial")
+    from jezero.services.vehicle_bridge.controller_parameters import ParameterFile
+
     if file is None:
         return load_config(ParameterFile, "px4").parameter
     try:
@@ -119,7 +106,6 @@ def _read(file: Path | None) -> list[Parameter]:
 
 
 def _open(address: str) -> "SocketLink":
-    require("`jezero px4`", "pymavlink", "serial")
     from jezero.runtime.links import link_of
     from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 
@@ -132,7 +118,7 @@ def _open(address: str) -> "SocketLink":
     return link
 
 
-def _ask(link: "SocketLink", system_id: int, wanted: list[Parameter], address: str) -> "ParameterExchange":
+def _ask(link: "SocketLink", system_id: int, wanted: list["Parameter"], address: str) -> "ParameterExchange":
     """Read the parameters."""
     from jezero.services.vehicle_bridge.controller_parameters import ParameterExchange
 
@@ -160,7 +146,7 @@ def _run(link: "SocketLink", exchange: "ParameterExchange") -> None:
         time.sleep(TURN_S)
 
 
-def _differing(wanted: list[Parameter], exchange: "ParameterExchange") -> list[Parameter]:
+def _differing(wanted: list["Parameter"], exchange: "ParameterExchange") -> list["Parameter"]:
     return [each for each in wanted if not _is_equal(exchange.values.get(each.name), each.value)]
 
 
@@ -169,12 +155,12 @@ def _is_equal(has: int | float | None, wanted: int | float) -> bool:
     return has is not None and abs(has - wanted) <= 1e-6 * max(1.0, abs(wanted))
 
 
-def _text(exchange: "ParameterExchange", each: Parameter) -> str:
+def _text(exchange: "ParameterExchange", each: "Parameter") -> str:
     value = exchange.values.get(each.name)
     return "unknown" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _print(wanted: list[Parameter], exchange: "ParameterExchange") -> None:
+def _print(wanted: list["Parameter"], exchange: "ParameterExchange") -> None:
     rows = [
         (
             each.name,

@@ -2,7 +2,9 @@
 
 from collections.abc import Iterable
 
+from jezero.base.config import Config
 from jezero.base.mavlink import MavlinkCodec, dialect
+from jezero.services.vehicle_bridge.config import ParameterName, ParameterValue
 from jezero.services.vehicle_bridge.parameters import TRIES, Value, decoded, encoded
 
 COMPONENT_ID = dialect.MAV_COMP_ID_ONBOARD_COMPUTER
@@ -11,6 +13,30 @@ RETRY_PERIOD_NS = 300_000_000
 HEARTBEAT_PERIOD_NS = 500_000_000
 AT_ONCE = 8
 """Requests that may wait for their replies at the same time: a slow line has a small buffer."""
+
+
+class Parameter(Config, frozen=True, kw_only=True):
+    """One parameter that a flight controller needs.
+
+    Attributes:
+        name: PX4's name.
+        value: 1 is an integer, 1.0 a float.
+        why: what it is for, in the question before it is set.
+    """
+
+    name: ParameterName
+    value: ParameterValue
+    why: str = ""
+
+
+class ParameterFile(Config, frozen=True, kw_only=True):
+    """Parameters that jezero needs of a real flight controller.
+
+    Attributes:
+        parameter: one table for each.
+    """
+
+    parameter: list[Parameter]
 
 
 class ParameterExchange:

@@ -13,12 +13,14 @@ from jezero.base.vehicle_config import VehicleConfig
 from jezero.cli.reference.words import Field, description_of, escape, fields_of, json_words, summary_of, table
 from jezero.runtime.instance import Instance
 from jezero.services.table import SERVICES, resolve
+from jezero.services.vehicle_bridge.controller_parameters import ParameterFile
 
 FILES: dict[str, tuple[type[Config], str]] = {
     "vehicle": (
         VehicleConfig,
         "The robot: vehicle, rover platform, and what is mounted on both. Every service reads it.",
     ),
+    "px4": (ParameterFile, "Parameters of a real flight controller, for `jezero px4 parameters`."),
     **{row.name: (resolve(row.settings), row.about) for row in SERVICES if row.settings},
 }
 """Each file in deploy/config, with the struct that it is read into, and its subject."""
