@@ -25,7 +25,8 @@ OUTSTANDING_MAX = 20
 ROUND_TRIP_MAX_NS = 500_000_000
 """A later reply says nothing."""
 KNOWN_AFTER = 5
-"""Number of replies from which on the controller's time counts as known."""
+"""Number of replies from which on the controller's time counts as known; one is enough for a bridge that is started anew
+in flight, as a second without setpoints is the controller's failsafe."""
 NOISE_NS = 500_000
 """What the times of two replies may differ by, beside their round trips: both programs take turns."""
 STD_DRIFT = 0.02
@@ -81,13 +82,17 @@ class _Reply(msgspec.Struct, frozen=True):
 class TimeSync:
     """Estimates the controller's time from requests and replies.
 
+    Args:
+        known_after: number of replies from which on its time counts as known.
+
     Attributes:
         offset: the estimate; None until it is known.
         boots: number of times that the controller was booted anew since the first reply.
         jumps: number of times that its clock has jumped.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, known_after: int = KNOWN_AFTER) -> None:
+        self._known_after = known_after
         self.offset: Offset | None = None
         self.boots = 0
         self.jumps = 0
@@ -161,7 +166,7 @@ class TimeSync:
         replies = self._replies
         while replies[-1].wall_ns - replies[0].wall_ns > WINDOW_NS:
             replies.popleft()
-        if len(replies) < KNOWN_AFTER:
+        if len(replies) < self._known_after:
             return
         shortest_ns = min(reply.round_trip_ns for reply in replies)
         # Times from here on are relative to the newest reply, in ns as float: exact enough over ten seconds.
@@ -193,7 +198,7 @@ class ControllerClock:
     """
 
     def __init__(self, boot_id: int, kept: "KeptEpoch | None", keep: Callable[["KeptEpoch"], None]) -> None:
-        self.sync = TimeSync()
+        self.sync = TimeSync(KNOWN_AFTER if kept is None else 1)
         self._kept = kept
         self._keep = keep
         self._first_id = boot_id
