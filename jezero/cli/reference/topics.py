@@ -49,10 +49,18 @@ def topic_rows(actions: Actions = ACTIONS) -> list[Row]:
             "type": topic.struct.__name__,
             "rate_hz": topic.rate_hz,
             "link_hz": topic.rate_hz if topic.link_hz is None else topic.link_hz,
-            "writer": topic.writer if topic.host == "vehicle" else f"{topic.writer} or {topic.host}",
+            "writer": " or ".join(_writers(topic)),
             "readers": [s.name for s in specs if topic in (*s.inputs, *s.on_demand)],
         }
         for topic in all_topics(actions)
+    ]
+
+
+def _writers(topic: Topic[Any]) -> list[str]:
+    return [
+        topic.writer,
+        *([topic.driver] if topic.driver else []),
+        *([topic.host] if topic.host != "vehicle" else []),
     ]
 
 
