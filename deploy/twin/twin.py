@@ -19,6 +19,7 @@ from types import FrameType
 
 from jezero.base.config import config_directory
 from jezero.deploy.launcher.ports import HOST, instance_environment, reserved_instance
+from jezero.deploy.twin.camera import DELAY_S, serving_camera
 from jezero.deploy.twin.line import Line
 from jezero.runtime.instance import Instance
 
@@ -143,14 +144,17 @@ def run_twin(folder: Path, baud: int, drift_ppm: float) -> int:
     """
     folder = folder.resolve()
     folder.mkdir(parents=True, exist_ok=True)
-    with running_hardware(folder, drift_ppm) as instance:
+    with running_hardware(folder, drift_ppm) as instance, serving_camera(instance) as camera:
         settings = write_settings(folder, instance, baud)
+        _set(settings / "camera_driver.toml", "source", f'"{camera}"')
+        _set(settings / "camera_driver.toml", "exposure_delay_s", f"{DELAY_S:g}")
         twin = Twin(folder, instance, baud)
         try:
             signal.signal(signal.SIGTERM, twin.stop)
             signal.signal(signal.SIGINT, twin.stop)
             signal.signal(signal.SIGUSR1, twin.pull_or_put_plug)
             print(f"flight controller  serial:{twin.controller.path}:{baud}")
+            print(f"camera             {camera}")
             print("fly it with        ", end="")
             print(f"JEZERO_CONFIG_DIR={settings} jezero up --profile onboard --profile ground", flush=True)
             twin.run()
