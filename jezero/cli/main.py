@@ -49,7 +49,7 @@ SECTIONS: dict[str, dict[str, Listed]] = {
         "status": Listed("jezero.cli.flight", "status", "Show what the vehicle does, and where it is."),
         "rover": Listed("jezero.cli.flight", "rover", "Drive the rover."),
         "ground": Listed("jezero.cli.ground", "ground", "Serve the ground station's pages alone (--connect)."),
-        "camera": Listed("jezero.cli.flight", "camera", "Save images of the camera, or of the ground from above."),
+        "camera": Listed("jezero.cli.camera", "camera", "Save images of the camera, and calibrate it."),
     },
     "Missions": {
         "fence": Listed("jezero.cli.missions", "fence", "Set the places to stay in and out of."),

@@ -51,7 +51,7 @@ def make_renderer(config: CameraConfig, simulator: SimulatorConfig, vehicle: Veh
     Raises:
         NoEglError: `renderer` is "egl", and there is none.
     """
-    if not any(vehicle.camera.distortion):
+    if vehicle.camera.is_plain:
         return _make_pinhole(config, simulator, vehicle, seed)
     from jezero.services.simulator.camera.through_lens import LensRenderer, pinhole_behind
 
