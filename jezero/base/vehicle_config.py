@@ -108,6 +108,8 @@ class CameraMountConfig(Config, frozen=True, kw_only=True):
         share = image_radius(self.distortion) / corner_radius
         if share < 1.0:
             order = ", ".join(ORDERS[self.distortion_model])
+            if self.distortion_model == "equidistant":
+                order += ", and that no corner is 89 degrees or more from the optical axis"
             raise ValueError(
                 f"a lens with distortion {list(self.distortion)} shows nothing beyond {100.0 * share:.0f} % of the way "
                 f"to the image's corners: check the order {order}"
