@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from jezero.calibration.intrinsics import CameraIntrinsics
     from jezero.schemas.sensors import CameraFrame, DistortionModel
 
+__all__ = ["camera"]
 MODELS = ("plumb_bob", "rational_polynomial", "equidistant")
 FILE = click.Path(path_type=Path, dir_okay=False)
 FOLDER = click.Path(path_type=Path, file_okay=False)
