@@ -3,7 +3,7 @@
 import msgspec
 
 
-class Picture(msgspec.Struct, frozen=True, tag="picture"):
+class ArrivedPicture(msgspec.Struct, frozen=True, tag="picture"):
     """One picture of a camera.
 
     Attributes:
@@ -34,15 +34,15 @@ class NoPicture(msgspec.Struct, frozen=True, tag="none"):
 
 
 _encoder = msgspec.msgpack.Encoder()
-_decoder = msgspec.msgpack.Decoder(Picture | NoPicture)
+_decoder = msgspec.msgpack.Decoder(ArrivedPicture | NoPicture)
 
 
-def encode_picture(picture: Picture | NoPicture) -> bytes:
+def encode_picture(picture: ArrivedPicture | NoPicture) -> bytes:
     """The bytes for the link."""
     return _encoder.encode(picture)
 
 
-def decode_picture(data: bytes) -> Picture | NoPicture:
+def decode_picture(data: bytes) -> ArrivedPicture | NoPicture:
     """What `encode_picture` has encoded."""
-    received: Picture | NoPicture = _decoder.decode(data)
+    received: ArrivedPicture | NoPicture = _decoder.decode(data)
     return received

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from jezero.base.config import ConfigError
-from jezero.base.picture_link import NoPicture, Picture, encode_picture
+from jezero.base.picture_link import ArrivedPicture, NoPicture, encode_picture
 from jezero.runtime.instance import checked_host
 from jezero.runtime.links import HasFileno
 
@@ -82,7 +82,7 @@ class VideoLink:
         self._period_ns = int(1e9 / rate_hz)
         self.up = False
         self.connections = 0
-        self._newest: Picture | NoPicture | None = None
+        self._newest: ArrivedPicture | NoPicture | None = None
         self._broken = 0
         self._arrived_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._ended = threading.Event()
@@ -159,7 +159,7 @@ class VideoLink:
         finally:
             source.close()
 
-    def _put(self, newest: Picture | NoPicture) -> None:
+    def _put(self, newest: ArrivedPicture | NoPicture) -> None:
         with self._lock:
             self._newest = newest
             if not self._ended.is_set():
@@ -176,12 +176,12 @@ class _Descriptor:
         return self._descriptor
 
 
-def _picture_of(pixels: Pixels, arrival_ns: int, broken: int) -> Picture:
+def _picture_of(pixels: Pixels, arrival_ns: int, broken: int) -> ArrivedPicture:
     import cv2
 
     kind = cv2.COLOR_GRAY2RGB if pixels.ndim == 2 or pixels.shape[2] == 1 else cv2.COLOR_BGR2RGB
     rgb = cv2.cvtColor(pixels, kind)
-    return Picture(arrival_ns, rgb.shape[1], rgb.shape[0], rgb.tobytes(), broken)
+    return ArrivedPicture(arrival_ns, rgb.shape[1], rgb.shape[0], rgb.tobytes(), broken)
 
 
 # -- sources ----------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 
 from jezero.base.camera_preview import PREVIEW_PERIOD_NS, preview_of
-from jezero.base.picture_link import Picture, decode_picture
+from jezero.base.picture_link import ArrivedPicture, decode_picture
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.service import Health, Inbox, Output, Publish, Spec
 from jezero.schemas import topics
@@ -63,7 +63,7 @@ class CameraDriver:
         """Vehicle time of the last published picture."""
         self._arrivals: deque[int] = deque()
         """Times of arrival of the pictures of the last `RATE_WINDOW_NS`."""
-        self._newest: Picture | None = None
+        self._newest: ArrivedPicture | None = None
         self._same_since_ns = 0
         """Time of arrival of the first of the pictures that are all like the newest one."""
         self._black = False
@@ -86,7 +86,7 @@ class CameraDriver:
         if data := inbox.received(LINK):
             received = decode_picture(data)
             self._broken = received.broken
-            if isinstance(received, Picture):
+            if isinstance(received, ArrivedPicture):
                 yield from self._on_picture(received, t_ns, host_ns)
             else:
                 self._missing = received.reason
@@ -95,7 +95,7 @@ class CameraDriver:
             yield Publish(topics.CAMERA_INFO, self._mount.info(t_ns))
         yield from self._report(t_ns, host_ns)
 
-    def _on_picture(self, picture: Picture, t_ns: int, host_ns: int) -> Iterable[Output]:
+    def _on_picture(self, picture: ArrivedPicture, t_ns: int, host_ns: int) -> Iterable[Output]:
         last, self._newest = self._newest, picture
         self._missing, self._silent_since_ns = "", host_ns
         self._arrivals.append(picture.arrival_ns)
@@ -169,7 +169,7 @@ class CameraDriver:
             return "degraded", f"only {text}, where rate_hz in vehicle.toml is {self._mount.rate_hz:g}"
         return "ok", text
 
-    def _problems(self, newest: Picture, t_ns: int) -> Iterator[str]:
+    def _problems(self, newest: ArrivedPicture, t_ns: int) -> Iterator[str]:
         """What is wrong with the pictures that come, the worst first."""
         if problem := self._size_problem:
             yield problem

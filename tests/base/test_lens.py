@@ -80,7 +80,8 @@ def test_an_aspect_scales_the_image_down_and_is_undone(distortion: Distortion) -
 def test_a_picture_without_distortion_is_that_of_an_ideal_lens(distortion: Distortion) -> None:
     focal_px, center_px, aspect = 200.0, (150.0, 125.0), 1.05
     columns, rows = np.meshgrid(np.arange(320), np.arange(240))
-    ideal = undistort((np.stack((columns, rows), axis=-1) - center_px) / focal_px, distortion, aspect)
+    seen: Any = (np.stack((columns, rows), axis=-1) - center_px) / focal_px
+    ideal = undistort(seen, distortion, aspect)
 
     def pattern(x: Any, y: Any) -> npt.NDArray[np.uint8]:
         shade = 128.0 + 60.0 * np.sin(5.0 * np.nan_to_num(x)) + 60.0 * np.cos(5.0 * np.nan_to_num(y))

@@ -77,7 +77,8 @@ def test_the_rotation_of_a_picture_is_that_of_the_camera_in_the_vehicles_axes(tu
     mount = CameraMountConfig()
     info = mount.info(0)
     texture = cv2.GaussianBlur(np.random.default_rng(2).integers(0, 255, (480, 640), dtype=np.uint8), (0, 0), 3.0)
-    texture = cv2.normalize(texture, None, 0, 255, cv2.NORM_MINMAX)
+    low, high = float(texture.min()), float(texture.max())
+    texture = np.asarray((texture - low) * (255.0 / (high - low)), np.uint8)
     # The vehicle turns by a vector in frd; the camera looks straight down with its top ahead: right = frd right, down =
     # frd backward, forward = frd down.
     frd_from_camera = np.array(((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from jezero.base.config import ConfigError
-from jezero.base.picture_link import NoPicture, Picture, decode_picture
+from jezero.base.picture_link import ArrivedPicture, NoPicture, decode_picture
 from jezero.runtime import video
 from jezero.runtime.video import CaptureSource, OpenSource, SourceError, VideoLink, shown_source, source_of
 
@@ -43,7 +43,7 @@ def reading(open_source: OpenSource) -> Iterator[VideoLink]:
         link.close()
 
 
-def next_from(link: VideoLink, wanted: Callable[[Picture | NoPicture], bool]) -> Any:
+def next_from(link: VideoLink, wanted: Callable[[ArrivedPicture | NoPicture], bool]) -> Any:
     """The next delivery that is as wanted."""
     deadline_s = time.monotonic() + DEADLINE_S
     seen: list[Any] = []
@@ -56,11 +56,11 @@ def next_from(link: VideoLink, wanted: Callable[[Picture | NoPicture], bool]) ->
     raise AssertionError(f"not within {DEADLINE_S:g} s; the last deliveries: {[type(s).__name__ for s in seen[-5:]]}")
 
 
-def is_picture(delivery: Picture | NoPicture) -> bool:
-    return isinstance(delivery, Picture)
+def is_picture(delivery: ArrivedPicture | NoPicture) -> bool:
+    return isinstance(delivery, ArrivedPicture)
 
 
-def says(words: str) -> Callable[[Picture | NoPicture], bool]:
+def says(words: str) -> Callable[[ArrivedPicture | NoPicture], bool]:
     return lambda delivery: isinstance(delivery, NoPicture) and words in delivery.reason
 
 
@@ -197,7 +197,7 @@ def test_another_size_passes_as_it_is(server: MjpegServer) -> None:
     with reading(server.open_source) as link:
         next_from(link, is_picture)
         server.part = lambda number: jpeg_of(number, 128, 96)
-        assert next_from(link, lambda d: isinstance(d, Picture) and d.width_px == 128).height_px == 96
+        assert next_from(link, lambda d: isinstance(d, ArrivedPicture) and d.width_px == 128).height_px == 96
 
 
 def test_a_server_that_is_killed_is_named_and_found_again() -> None:
@@ -311,7 +311,7 @@ def test_a_device_that_is_unplugged_is_named_released_and_opened_again() -> None
         next_from(link, is_picture)
         next_from(link, says("was it unplugged?"))
         assert devices[0].released
-        next_from(link, lambda d: isinstance(d, Picture) and d.pixels[1] == 43)
+        next_from(link, lambda d: isinstance(d, ArrivedPicture) and d.pixels[1] == 43)
         next_from(link, says("there is no such device"))
         assert link.connections == 2
 

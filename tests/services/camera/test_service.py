@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from jezero.base.picture_link import NoPicture, Picture, encode_picture
+from jezero.base.picture_link import ArrivedPicture, NoPicture, encode_picture
 from jezero.base.vehicle_config import CameraMountConfig, VehicleConfig
 from jezero.runtime.node import Mailbox
 from jezero.runtime.service import Health, Publish
@@ -57,7 +57,7 @@ class Bench:
         self.number += 1
         pixels = noise(self.number, *size_px) if pixels is None else pixels
         arrival_ns = self.host_ns + 100_000_000 - age_ns
-        self.step(encode_picture(Picture(arrival_ns, *size_px, pixels)))
+        self.step(encode_picture(ArrivedPicture(arrival_ns, *size_px, pixels)))
 
     def frames(self) -> list[CameraFrame]:
         return [each.message for each in self.published if isinstance(each.message, CameraFrame)]
