@@ -86,7 +86,7 @@ def test_the_rotation_of_a_picture_is_that_of_the_camera_in_the_vehicles_axes(tu
     k = np.array(((info.focal_px, 0.0, info.center_px[0]), (0.0, info.focal_px, info.center_px[1]), (0.0, 0.0, 1.0)))
     after = cv2.warpPerspective(texture, k @ turn_camera.T @ np.linalg.inv(k), (640, 480), flags=cv2.INTER_LINEAR)
     tracker = TurnTracker(info)
-    assert tracker.update(texture, 1.0, frd_from_camera) is None
+    assert tracker.update(np.asarray(texture, np.uint8), 1.0, frd_from_camera) is None
     step = tracker.update(np.asarray(after, np.uint8), 1.1, frd_from_camera)
     assert step is not None
     assert step.angle_frd_rad == pytest.approx(turn_rad, abs=0.001)
