@@ -13,7 +13,7 @@ import pytest
 
 from jezero.client.errors import TimedOut
 from jezero.schemas import topics
-from tests.system.conftest import Stack, wait_for, wait_for_status
+from tests.system.conftest import Stack, has_status, wait_for, wait_for_status
 
 pytestmark = [pytest.mark.slow, pytest.mark.long, pytest.mark.timeout(900)]
 START_S, FIND_S, STOP_S = 180.0, 240.0, 90.0
@@ -62,6 +62,7 @@ def test_the_stack_gets_pictures_of_the_twins_camera_and_finds_the_tag(on_twin: 
     on_twin.jezero("up", "-d", "--profile", "onboard")
     assert "camera_driver" in on_twin.processes()
     with on_twin.connect() as vehicle:
+        wait_for(lambda: has_status(vehicle), START_S, "a status of the bridge, which has just started")
         wait_for_status(vehicle, lambda status: status.ready, START_S, "ready")
         rates_hz: list[float] = []
         while not rates_hz or (rates_hz[-1] < RATE_MIN_HZ and len(rates_hz) < ATTEMPTS):
