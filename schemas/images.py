@@ -2,9 +2,9 @@
 
 from typing import Annotated
 
-from msgspec import Meta
+from msgspec import UNSET, Meta, UnsetType
 
-from jezero.schemas.sensors import NO_DISTORTION, Distortion, FocalLength, Gnss, Imu, Pixel
+from jezero.schemas.sensors import NO_DISTORTION, Distortion, FocalLength, Gnss, Imu, Pixel, model_of
 from jezero.schemas.state import Geodetic
 from jezero.schemas.struct import (
     Angle,
@@ -47,9 +47,11 @@ class Image(Payload, frozen=True, kw_only=True):
         exposure_s: duration of the exposure.
         width_px: width of the image.
         height_px: height of the image.
-        focal_px: focal length, the same in both directions of the image.
+        focal_px: focal length across the image, and down it too where there is no `focal_y_px`.
         center_px: principal point: x to the right, y down, (0, 0) is the centre of the first pixel.
-        distortion: the lens' coefficients k1, k2, p1, p2, k3, as in OpenCV; all 0 for a pinhole.
+        distortion: the lens' coefficients, as in OpenCV: 5 of the model plumb_bob (all 0 for a pinhole), 8 of
+            rational_polynomial, or 4 of equidistant.
+        focal_y_px: focal length down the image, of a camera whose pixels are no squares; left out for another.
         range_m: range of the laser altimeter along the body's down axis. None when its beam met nothing.
         imu: IMU reading that is nearest in time. None without one.
         gnss: GNSS fix that is nearest in time. None without one.
@@ -71,9 +73,18 @@ class Image(Payload, frozen=True, kw_only=True):
     focal_px: FocalLength
     center_px: Pixel
     distortion: Distortion = NO_DISTORTION
+    focal_y_px: FocalLength | UnsetType = UNSET
     range_m: NonNegative | None = None
     imu: Imu | None = None
     gnss: Gnss | None = None
+
+    def __post_init__(self) -> None:
+        model_of(self.distortion)
+
+    @property
+    def aspect(self) -> float:
+        """Focal length down the image by that across it."""
+        return 1.0 if self.focal_y_px is UNSET else self.focal_y_px / self.focal_px
 
 
 class GetImage(Payload, frozen=True, kw_only=True):

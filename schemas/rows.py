@@ -29,6 +29,8 @@ class Topic(Generic[M]):
         type: type of its messages, for decoding; a generic struct has its arguments.
         rate_hz: nominal rate of publishing. None for messages that are published on events only.
         writer: name of the one service that publishes it; `GOAL_IN_CHARGE` or `CLIENTS` where that changes.
+        driver: name of the service that publishes it in the place of `writer` where the sensor is a real one; "" where
+            none does.
         host: computer whose services publish it; `CLIENTS` publish from anywhere. A topic of the rover's computer is
             published by the service `rover` there, or by a real rover's driver; without either by `writer`.
         link_hz: greatest rate at which it crosses a link to another computer; None for as published, 0 for never.

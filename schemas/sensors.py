@@ -1,8 +1,8 @@
 """Readings of the sensors. Ranges of values are those of the sensor, not those that are plausible in flight."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
-from msgspec import Meta
+from msgspec import UNSET, Meta, UnsetType
 
 from jezero.schemas.state import Geodetic
 from jezero.schemas.struct import (
@@ -26,10 +26,38 @@ Pixel = tuple[PixelCoordinate, PixelCoordinate]
 """(x, y) in an image: x to the right, y down, (0, 0) is the centre of the first pixel."""
 FocalLength = Annotated[float, Meta(ge=1.0, le=1e6)]
 """Focal length in pixels."""
-Coefficient = Annotated[float, Meta(ge=-2.0, le=2.0)]
-Distortion = tuple[Coefficient, Coefficient, Coefficient, Coefficient, Coefficient]
-"""Coefficients k1, k2, p1, p2, k3 of a lens, as OpenCV's calibration gives them."""
+Coefficient = Annotated[float, Meta(ge=-1000.0, le=1000.0)]
+Distortion = Annotated[tuple[Coefficient, ...], Meta(min_length=4, max_length=8)]
+"""Coefficients of a lens, as OpenCV's calibration gives them; their number says which model they belong to.
+
+plumb_bob: k1, k2, p1, p2, k3. rational_polynomial: k1, k2, p1, p2, k3, k4, k5, k6. equidistant, of fisheye lenses: k1,
+k2, k3, k4. The names of the models are those of ROS.
+"""
+DistortionModel = Literal["plumb_bob", "rational_polynomial", "equidistant"]
+COEFFICIENTS: dict[DistortionModel, int] = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
+"""Number of coefficients of each model."""
+COEFFICIENT_MAX = 2.0
+"""Of the models but the rational one, whose numerator and denominator may be large together."""
 NO_DISTORTION: Distortion = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def model_of(distortion: Distortion) -> DistortionModel:
+    """The model that coefficients belong to.
+
+    Raises:
+        ValueError: no model has so many, or one of them is larger than any lens'.
+    """
+    found = next((model for model, count in COEFFICIENTS.items() if count == len(distortion)), None)
+    if found is None:
+        raise ValueError(f"distortion has {len(distortion)} coefficients, expected 4, 5 or 8")
+    if found != "rational_polynomial" and max(map(abs, distortion)) > COEFFICIENT_MAX:
+        raise ValueError(f"distortion has a coefficient beyond {COEFFICIENT_MAX:g}: {list(distortion)}")
+    return found
+
+
+def shows_straight(distortion: Distortion) -> bool:
+    """Whether a lens shows straight lines straight, as a pinhole does."""
+    return len(distortion) != COEFFICIENTS["equidistant"] and not any(distortion)
 
 
 class Imu(Message, frozen=True, kw_only=True):
@@ -149,12 +177,14 @@ class CameraInfo(Message, frozen=True, kw_only=True):
     Attributes:
         width_px: width of an image.
         height_px: height of an image.
-        focal_px: focal length, the same in both directions of the image.
+        focal_px: focal length across the image, and down it too where there is no `focal_y_px`.
         center_px: principal point: x to the right, y down, (0, 0) is the centre of the first pixel.
         pos_camera_frd_m: position of the optical centre, which is on both axes, relative to the centre of mass.
         rate_hz: images per second.
         turn_camera_rad: how far the camera is turned about its optical axis, clockwise in the direction of view.
-        distortion: the lens' coefficients k1, k2, p1, p2, k3, as in OpenCV; all 0 for a pinhole.
+        distortion: the lens' coefficients, as in OpenCV: 5 of the model plumb_bob (all 0 for a pinhole), 8 of
+            rational_polynomial, or 4 of equidistant.
+        focal_y_px: focal length down the image, of a camera whose pixels are no squares; left out for another.
     """
 
     width_px: Annotated[int, Meta(ge=1, le=8192)]
@@ -165,6 +195,15 @@ class CameraInfo(Message, frozen=True, kw_only=True):
     rate_hz: Annotated[float, Meta(ge=0.01, le=1e3)]
     turn_camera_rad: Angle = 0.0
     distortion: Distortion = NO_DISTORTION
+    focal_y_px: FocalLength | UnsetType = UNSET
+
+    def __post_init__(self) -> None:
+        model_of(self.distortion)
+
+    @property
+    def aspect(self) -> float:
+        """Focal length down the image by that across it."""
+        return 1.0 if self.focal_y_px is UNSET else self.focal_y_px / self.focal_px
 
 
 class CameraFrame(Message, WithPixels, frozen=True, kw_only=True, omit_defaults=True):

@@ -81,6 +81,13 @@ SERVICES: tuple[ServiceRow, ...] = (
         flies=True,
     ),
     ServiceRow(
+        name="camera_driver",
+        about="The driver of a real camera, in place of the simulated one.",
+        maker="jezero.services.camera.service:CameraDriver",
+        settings="jezero.services.camera.config:CameraDriverConfig",
+        profiles=("onboard",),
+    ),
+    ServiceRow(
         name="autopilot",
         about="The embedded autopilot. Settings that PX4 has too keep PX4's names, with the unit appended.",
         maker="jezero.services.autopilot.service:Autopilot",

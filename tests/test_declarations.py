@@ -22,7 +22,7 @@ from jezero.services.table import ServiceRow, services
 
 ROOT = Path(__file__).parents[1]
 SPECS = all_specs()
-COMPOSED = parse((ROOT / "deploy" / "compose.yaml").read_text(), {"JEZERO_GATE": "1"})
+COMPOSED = parse((ROOT / "deploy" / "compose.yaml").read_text(), {"JEZERO_GATE": "1", "JEZERO_CAMERA": "1"})
 
 
 @pytest.mark.parametrize("topic", all_topics(), ids=lambda topic: topic.name)

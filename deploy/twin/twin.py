@@ -19,6 +19,7 @@ from types import FrameType
 
 from jezero.base.config import config_directory
 from jezero.deploy.launcher.ports import HOST, instance_environment, reserved_instance
+from jezero.deploy.twin.camera import DELAY_S, serving_camera
 from jezero.deploy.twin.line import Line
 from jezero.deploy.twin.modules import Modules, running_modules
 from jezero.runtime.instance import Instance
@@ -154,8 +155,14 @@ def run_twin(folder: Path, baud: int, drift_ppm: float) -> int:
     """
     folder = folder.resolve()
     folder.mkdir(parents=True, exist_ok=True)
-    with running_hardware(folder, drift_ppm) as instance, running_modules(folder, instance) as modules:
+    with (
+        running_hardware(folder, drift_ppm) as instance,
+        running_modules(folder, instance) as modules,
+        serving_camera(instance) as camera,
+    ):
         settings = write_settings(folder, instance, baud)
+        _set(settings / "camera_driver.toml", "source", f'"{camera}"')
+        _set(settings / "camera_driver.toml", "exposure_delay_s", f"{DELAY_S:g}")
         for file, table, field, value in modules.settings:
             _set(settings / f"{file}.toml", field, value, table)
         twin = Twin(folder, instance, baud, modules)
@@ -166,6 +173,7 @@ def run_twin(folder: Path, baud: int, drift_ppm: float) -> int:
             print(f"flight controller  serial:{twin.controller.path}:{baud}")
             for name, device in modules.devices.items():
                 print(f"{name:<18} {device}")
+            print(f"camera             {camera}")
             print("fly it with        ", end="")
             print(
                 f"JEZERO_CONFIG_DIR={settings} jezero up --profile onboard --profile rover --profile ground", flush=True

@@ -8,12 +8,22 @@ down. The errors of the sensors and the simulated world are in the services' own
 from math import hypot, radians, sqrt, tan
 from typing import Annotated, NamedTuple
 
-from msgspec import Meta
+from msgspec import UNSET, Meta
 
 from jezero.base.config import Config
 from jezero.base.frames import Vec3, subtract
 from jezero.schemas.landing_board import BoardTag, board_refusal, make_board
-from jezero.schemas.sensors import NO_DISTORTION, CameraInfo, Distortion
+from jezero.schemas.sensors import (
+    COEFFICIENTS,
+    NO_DISTORTION,
+    CameraInfo,
+    Distortion,
+    DistortionModel,
+    FocalLength,
+    PixelCoordinate,
+    model_of,
+    shows_straight,
+)
 from jezero.schemas.units import GRAVITY_MPS2
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
@@ -27,6 +37,13 @@ TILT_STEADY_RAD = 0.55
 PITCH_DOWN_RAD = -1.5708
 """Pitch of a camera that points straight down, as `command/camera_pitch` limits it."""
 
+ORDERS: dict[DistortionModel, tuple[str, ...]] = {
+    "plumb_bob": ("k1", "k2", "p1", "p2", "k3"),
+    "rational_polynomial": ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
+    "equidistant": ("k1", "k2", "k3", "k4"),
+}
+"""Coefficients of each model of a lens, in their order."""
+
 
 class CameraMountConfig(Config, frozen=True, kw_only=True):
     """The ventral camera, on a pitch axis that a roll axis carries.
@@ -34,51 +51,91 @@ class CameraMountConfig(Config, frozen=True, kw_only=True):
     Attributes:
         width_px: width of an image.
         height_px: height of an image.
-        field_of_view_deg: angle of view across the image's width.
+        field_of_view_deg: angle of view across the image's width, of a camera without a calibration: its pixels are
+            squares, and its optical axis meets the image's middle.
+        fx_px: focal length across the image, by a calibration; then the four have to be given together, and
+            `field_of_view_deg` does not count.
+        fy_px: focal length down the image.
+        cx_px: principal point from the left; 0 is the centre of the first pixel.
+        cy_px: principal point from the top.
         rate_hz: images per second.
         pos_camera_frd_m: position of the optical centre.
         pitch_offset_rad: pitch of the camera at rest, from straight down; positive points ahead, negative points back.
         roll_offset_rad: roll of the camera at rest, about the body's forward axis; positive points to the left.
         turn_rad: how far the camera is turned about its optical axis, clockwise in the direction of view; at 0 the top
             of an image is ahead.
-        distortion: the lens' coefficients k1, k2, p1, p2, k3, as OpenCV's calibration gives them.
+        distortion_model: model of the lens, by ROS' name.
+        distortion: the lens' coefficients, as OpenCV's calibration gives them: k1, k2, p1, p2, k3 of plumb_bob; k1, k2,
+            p1, p2, k3, k4, k5, k6 of rational_polynomial; k1, k2, k3, k4 of equidistant.
 
     Raises:
-        ValueError: such a lens would show nothing in the image's corners.
+        ValueError: such a lens would show nothing in the image's corners; or the model has another number of
+            coefficients; or a part of the calibration is missing.
     """
 
     width_px: Annotated[int, Meta(ge=16, le=4096)] = 640
     height_px: Annotated[int, Meta(ge=16, le=4096)] = 480
     field_of_view_deg: Annotated[float, Meta(gt=1.0, le=150.0)] = 80.0
+    fx_px: FocalLength | None = None
+    fy_px: FocalLength | None = None
+    cx_px: PixelCoordinate | None = None
+    cy_px: PixelCoordinate | None = None
     rate_hz: Annotated[float, Meta(gt=0.0, le=60.0)] = 15.0
     pos_camera_frd_m: Place = (0.0, 0.0, 0.03)
     pitch_offset_rad: Annotated[float, Meta(ge=-0.8, le=1.5708)] = 0.0
     roll_offset_rad: Annotated[float, Meta(ge=-0.8, le=0.8)] = 0.0
     turn_rad: Annotated[float, Meta(ge=-3.1416, le=3.1416)] = 0.0
+    distortion_model: DistortionModel = "plumb_bob"
     distortion: Distortion = NO_DISTORTION
 
     def __post_init__(self) -> None:
-        if not any(self.distortion):
+        given = [self.fx_px, self.fy_px, self.cx_px, self.cy_px]
+        if None in given and any(value is not None for value in given):
+            raise ValueError("fx_px, fy_px, cx_px and cy_px are one calibration: give all four, or none")
+        count = COEFFICIENTS[self.distortion_model]
+        if len(self.distortion) != count:
+            found = len(self.distortion)
+            raise ValueError(f"distortion_model {self.distortion_model} has {count} coefficients, not {found}")
+        model_of(self.distortion)
+        if shows_straight(self.distortion):
             return
         from jezero.base.lens import image_radius  # numpy, which most services start faster without
 
-        corner_radius = hypot(0.5 * self.width_px, 0.5 * self.height_px) / self.focal_px
+        center_x_px, center_y_px = self.center_px
+        right_px = max(center_x_px + 0.5, self.width_px - 0.5 - center_x_px)
+        down_px = max(center_y_px + 0.5, self.height_px - 0.5 - center_y_px)
+        corner_radius = hypot(right_px, down_px / self.aspect) / self.focal_px
         share = image_radius(self.distortion) / corner_radius
         if share < 1.0:
+            order = ", ".join(ORDERS[self.distortion_model])
+            if self.distortion_model == "equidistant":
+                order += ", and that no corner is 89 degrees or more from the optical axis"
             raise ValueError(
                 f"a lens with distortion {list(self.distortion)} shows nothing beyond {100.0 * share:.0f} % of the way "
-                "to the image's corners: check the order k1, k2, p1, p2, k3"
+                f"to the image's corners: check the order {order}"
             )
 
     @property
     def focal_px(self) -> float:
-        """Focal length, the same in both directions of the image."""
-        return 0.5 * self.width_px / tan(0.5 * radians(self.field_of_view_deg))
+        """Focal length across the image."""
+        return 0.5 * self.width_px / tan(0.5 * radians(self.field_of_view_deg)) if self.fx_px is None else self.fx_px
+
+    @property
+    def aspect(self) -> float:
+        """Focal length down the image by that across it."""
+        return 1.0 if self.fx_px is None or self.fy_px is None else self.fy_px / self.fx_px
 
     @property
     def center_px(self) -> tuple[float, float]:
         """Principal point; (0, 0) is the centre of the first pixel."""
-        return (0.5 * (self.width_px - 1), 0.5 * (self.height_px - 1))
+        if self.cx_px is None or self.cy_px is None:
+            return (0.5 * (self.width_px - 1), 0.5 * (self.height_px - 1))
+        return (self.cx_px, self.cy_px)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether it is a pinhole with square pixels whose optical axis meets the image's middle."""
+        return self.fx_px is None and shows_straight(self.distortion)
 
     @property
     def pitch_rest_rad(self) -> float:
@@ -97,6 +154,7 @@ class CameraMountConfig(Config, frozen=True, kw_only=True):
             rate_hz=self.rate_hz,
             turn_camera_rad=self.turn_rad,
             distortion=self.distortion,
+            focal_y_px=UNSET if self.aspect == 1.0 else self.aspect * self.focal_px,
         )
 
 

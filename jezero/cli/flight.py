@@ -547,7 +547,7 @@ def follow(file: Path, vehicle: str, router: str, as_json: bool) -> None:
 
 @click.group()
 def camera() -> None:
-    """Save images of the vehicle's camera, or of the simulated ground from above."""
+    """Save images of the vehicle's camera, or of the simulated ground from above; calibrate a real camera."""
 
 
 @camera.command()

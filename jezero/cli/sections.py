@@ -56,9 +56,9 @@ SECTIONS: dict[str, dict[str, Listed]] = {
             "jezero.cli.ground", "ground", "Serve the ground station's pages alone (--connect).", "ground"
         ),
         "camera": Listed(
-            "jezero.cli.flight",
+            "jezero.cli.camera",
             "camera",
-            "Save images of the camera, or of the ground from above.",
+            "Save images of the camera, and calibrate it.",
             "sim",
             "orthophoto",
         ),

@@ -33,7 +33,15 @@ LAUNCHER_LOG = "launcher.log"
 GROUND_STATION = "ground_station"
 GATE_VARIABLE = "JEZERO_GATE"
 """Variable of the compose file: 1 where the stack has links with other computers."""
-NEEDS = {"simulator": "pybullet", "autopilot": "fastcrc", "vehicle_bridge": "pymavlink", "estimator": "scipy"}
+CAMERA_VARIABLE = "JEZERO_CAMERA"
+"""Variable of the compose file: 1 where the settings name a real camera."""
+NEEDS = {
+    "camera_driver": "cv2",
+    "simulator": "pybullet",
+    "autopilot": "fastcrc",
+    "vehicle_bridge": "pymavlink",
+    "estimator": "scipy",
+}
 """A package of the extra without which a service can't start."""
 OPEN_FILES_MAX = 1 << 20
 """No process has a file descriptor with a greater number."""
@@ -146,7 +154,8 @@ def _read_services(path: Path, profiles: tuple[str, ...], *, linked: bool) -> "d
     from jezero.base.plugins import plugin_names, refused_plugins
     from jezero.deploy.launcher.compose import ComposeError, parse, select, with_actions
 
-    variables = {GATE_VARIABLE: "1" if linked else "0", **os.environ}
+    has_camera = "onboard" in profiles and "sim" not in profiles and _names_camera()
+    variables = {GATE_VARIABLE: "1" if linked else "0", CAMERA_VARIABLE: "1" if has_camera else "0", **os.environ}
     try:
         services = select(with_actions(parse(path.read_text(encoding="utf-8"), variables), plugin_names()), profiles)
     except (ComposeError, OSError) as error:
@@ -163,6 +172,18 @@ def _read_services(path: Path, profiles: tuple[str, ...], *, linked: bool) -> "d
 
 def _is_installed(package: str) -> bool:
     return find_spec(package) is not None
+
+
+def _names_camera() -> bool:
+    """Whether the settings name a real camera.
+
+    Raises:
+        ConfigError: they are malformed.
+    """
+    from jezero.base.config import load_config
+    from jezero.services.camera.config import CameraDriverConfig
+
+    return bool(load_config(CameraDriverConfig, "camera_driver").source)
 
 
 class _CannotStart(Exception):  # noqa: N818

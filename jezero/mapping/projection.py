@@ -123,7 +123,7 @@ def _shown(survey: Survey, px: Field, py: Field) -> NDArray[np.bool_]:
     """Whether pixels without distortion are in the image, and in what the lens showed."""
     width_px, height_px = survey.size_px
     center_px = np.array(survey.center_px)
-    lens = distort((np.stack((px, py), axis=-1) - center_px) / survey.focal_px, survey.distortion)
+    lens = distort((np.stack((px, py), axis=-1) - center_px) / survey.focal_px, survey.distortion, survey.aspect)
     x, y = np.moveaxis(survey.focal_px * lens + center_px, -1, 0)
     inside = (px >= 0) & (py >= 0) & (px <= width_px - 1) & (py <= height_px - 1)
     # NaN is outside too.

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from jezero.base.arrays import Array
 from jezero.base.frames import Vec3, add, ned_from_geodetic, origin_from, quat_rotate, subtract
+from jezero.base.lens import undistorted_picture
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.schemas.images import LISTING, Image
 from jezero.schemas.sensors import Distortion
@@ -45,6 +46,7 @@ class Survey:
         focal_px: focal length.
         center_px: (2,) principal point.
         distortion: coefficients of the lens' distortion, which `pixels` no longer have.
+        aspect: focal length down the image by that across it, which are the same in `pixels`.
         size_px: width and height.
         spots_m: (m, 3) points at which the altimeter's beam met the ground, by the vehicle's own position, NED.
         origin_deg: latitude, longitude and altitude of the positions' origin. None when no image has a position in
@@ -58,6 +60,7 @@ class Survey:
     focal_px: float
     center_px: tuple[float, float]
     distortion: Distortion
+    aspect: float
     size_px: tuple[int, int]
     spots_m: Array
     origin_deg: Vec3 | None
@@ -77,10 +80,9 @@ class Survey:
         width_px, height_px = self.size_px
         if picture.shape[:2] != (height_px, width_px):
             raise SurveyError(f"{self.files[number]} is not {width_px} x {height_px} pixels as {LISTING} says")
-        if any(self.distortion):
-            f, (cx, cy) = self.focal_px, self.center_px
-            pinhole = np.array(((f, 0.0, cx), (0.0, f, cy), (0.0, 0.0, 1.0)))
-            picture = cv2.undistort(picture, pinhole, np.array(self.distortion))
+        picture = undistorted_picture(
+            np.asarray(picture, np.uint8), self.focal_px, self.center_px, self.distortion, self.aspect
+        )
         return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
 
     @cached_property
@@ -124,7 +126,10 @@ def read_survey(folder: Path, vehicle: VehicleConfig) -> Survey:
         for name in ("q_ned_from_camera", "q_ned_from_frd"):
             if abs(hypot(*getattr(image, name)) - 1.0) > NORM_ERROR_MAX:
                 raise SurveyError(f"{listing}: {name} of {file} is no attitude, because its length is not 1")
-    kinds = {(image.focal_px, image.center_px, image.distortion, image.width_px, image.height_px) for image in images}
+    kinds = {
+        (image.focal_px, image.aspect, image.center_px, image.distortion, image.width_px, image.height_px)
+        for image in images
+    }
     if len(kinds) > 1:
         raise SurveyError(f"{listing} has images of {len(kinds)} different cameras: map each camera alone")
     if images[0].focal_px <= 0.0:
@@ -143,6 +148,7 @@ def read_survey(folder: Path, vehicle: VehicleConfig) -> Survey:
         focal_px=first.focal_px,
         center_px=first.center_px,
         distortion=first.distortion,
+        aspect=first.aspect,
         size_px=(first.width_px, first.height_px),
         spots_m=np.array(spots_m),
         origin_deg=origin_deg,

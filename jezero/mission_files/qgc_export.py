@@ -1,7 +1,7 @@
 """Plans of QGroundControl from missions, and a sentence for what a plan can't have."""
 
 from collections.abc import Mapping, Sequence
-from math import atan2, cos, degrees, pi, radians, sin, tan
+from math import atan2, cos, degrees, pi, sin
 from typing import Any
 
 import msgspec
@@ -231,7 +231,7 @@ class _Exporter:
         overlap, sidelap = (100.0 * (a if a is not None else b or 0.0) for a, b in (
             (goal.overlap, goal.sidelap), (goal.sidelap, goal.overlap)
         ))  # fmt: skip
-        focal_mm = 0.5 * SENSOR_WIDTH_MM / tan(0.5 * radians(camera.field_of_view_deg))
+        focal_mm = SENSOR_WIDTH_MM * camera.focal_px / camera.width_px
         return common | {
             "CameraName": "Custom Camera", "FixedOrientation": True, "Landscape": True, "MinTriggerInterval": 0,
             "ImageWidth": camera.width_px, "ImageHeight": camera.height_px, "SensorWidth": SENSOR_WIDTH_MM,

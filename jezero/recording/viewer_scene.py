@@ -32,7 +32,7 @@ from jezero.recording.thinned_path import ThinnedPath
 from jezero.schemas import topics
 from jezero.schemas.commands import CameraPitch, Setpoint
 from jezero.schemas.estimate import RoverEstimate
-from jezero.schemas.sensors import CameraFrame, CameraInfo, TagCorners
+from jezero.schemas.sensors import CameraFrame, CameraInfo, DistortionModel, TagCorners, model_of
 from jezero.schemas.state import Odometry, Status, Truth
 from jezero.schemas.units import NS_PER_S
 
@@ -276,18 +276,27 @@ def _location(t_ns: int, odometry: Odometry, origin_deg: Vec3) -> fg.LocationFix
     )
 
 
+FOXGLOVE_MODELS: dict[DistortionModel, str] = {
+    "plumb_bob": "plumb_bob",
+    "rational_polynomial": "rational_polynomial",
+    "equidistant": "kannala_brandt",
+}
+"""Foxglove's names of the models of lenses."""
+
+
 def _calibration(t_ns: int, camera: CameraInfo) -> fg.CameraCalibration:
     focal_px, (x_px, y_px) = camera.focal_px, camera.center_px
+    down_px = focal_px * camera.aspect
     return fg.CameraCalibration(
         timestamp=fg.time_of(t_ns),
         frame_id=CAMERA_FRAME,
         width=camera.width_px,
         height=camera.height_px,
-        distortion_model="plumb_bob",
+        distortion_model=FOXGLOVE_MODELS[model_of(camera.distortion)],
         D=camera.distortion,
-        K=(focal_px, 0.0, x_px, 0.0, focal_px, y_px, 0.0, 0.0, 1.0),
+        K=(focal_px, 0.0, x_px, 0.0, down_px, y_px, 0.0, 0.0, 1.0),
         R=(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
-        P=(focal_px, 0.0, x_px, 0.0, 0.0, focal_px, y_px, 0.0, 0.0, 0.0, 1.0, 0.0),
+        P=(focal_px, 0.0, x_px, 0.0, 0.0, down_px, y_px, 0.0, 0.0, 0.0, 1.0, 0.0),
     )
 
 

@@ -191,8 +191,8 @@ def checked_host(name: str, host: str) -> str:
         raise ConfigError(f"{name} is {host!r}: write an IPv4 address or the name of a computer, without a port")
     if not is_loopback(host) and os.environ.get(INSECURE_VARIABLE) != "1":
         raise ConfigError(
-            f"{name} is {host!r}: this link has no TLS, so whoever is on its network could command the vehicle or the "
-            f"rover: write 127.0.0.1, or set {INSECURE_VARIABLE}=1 on a network that you trust"
+            f"{name} is {host!r}: this link has no TLS, so whoever is on its network can change what it carries: write "
+            f"127.0.0.1, or set {INSECURE_VARIABLE}=1 on a network that you trust"
         )
     return host
 

@@ -365,7 +365,7 @@ class Port:
         self.frozen_until_ns = 0
         self._bus = bus
         spec = service.spec
-        keeps_journal = journaled and not spec.hears_all
+        keeps_journal = journaled and spec.keeps_journal
         self._journal = Journal(spec.name, 0, spec.made_with, class_of(service)) if keeps_journal else None
         self.node = Node(service, self, strict=strict, boot_id=0, journal=self._journal)
         self.subscribed = frozenset(topic.name for topic in spec.inputs)

@@ -210,7 +210,10 @@ class Node:
         """Put a link's bytes into the inbox."""
         if self._journal is not None:
             self._journal.add(entries.LinkBytes(link, data), len(data))
-        self.inbox.add_bytes(link, data)
+        if link in self.spec.picture_links:
+            self.inbox.replace_bytes(link, data)
+        else:
+            self.inbox.add_bytes(link, data)
         return link in self._triggers
 
     def set_link(self, link: str, up: bool) -> bool:
@@ -468,6 +471,9 @@ class Mailbox:
         if size <= LINK_BYTES_MAX:
             self._sizes[link] = size
             self._bytes[link].append(data)
+
+    def replace_bytes(self, link: str, data: bytes) -> None:
+        self._bytes[link] = [data]
 
     def set_link(self, link: str, up: bool) -> None:
         if up and not self._up[link]:

@@ -33,6 +33,8 @@ class Spec:
         serves: endpoints that it serves; a second process of the same service refuses to start.
         calls: endpoints to which it sends requests.
         links: names of its byte pipes; the process decides whether they are TCP, UDP or memory.
+        picture_links: those of `links` that carry pictures: each delivery is one, and only the newest is kept for a
+            step. A service with such a link keeps no journal, as that would be as large as the pictures.
         triggers: names of topics, endpoints and links whose arrival triggers a step.
         rate_hz: steps per second of vehicle time when no trigger arrives; `SetRate` changes it.
         lockstep: name of the link on which the time master awaits an answer after each step (at most 16 ms); vehicle
@@ -53,6 +55,7 @@ class Spec:
     serves: tuple[Endpoint[Any, Any], ...] = ()
     calls: tuple[Endpoint[Any, Any], ...] = ()
     links: tuple[str, ...] = ()
+    picture_links: tuple[str, ...] = ()
     triggers: tuple[str, ...] = ()
     rate_hz: float = 10.0
     lockstep: str | None = None
@@ -60,6 +63,11 @@ class Spec:
     watches: Literal["client", "service"] | None = None
     hears_all: bool = False
     made_with: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def keeps_journal(self) -> bool:
+        """Whether its inputs and outputs are kept for a replay, where they are recorded."""
+        return not self.hears_all and not self.picture_links
 
 
 class UndeclaredError(RuntimeError):

@@ -92,7 +92,7 @@ class ServiceLoop:
         self._request_id = 0
         process = process_in_words()
         self._journal: Journal | None = None
-        if is_recorded() and not self._spec.hears_all:
+        if is_recorded() and self._spec.keeps_journal:
             self._journal = Journal(self._spec.name, boot_id, self._spec.made_with, class_of(service))
         self._node = Node(service, self, strict=False, boot_id=boot_id, process=process, journal=self._journal)
         self._period_ns = int(NS_PER_S / self._spec.rate_hz)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jezero.base.frames import quat_rotate
+from jezero.base.lens import undistorted_picture
 from jezero.schemas.images import Image
 
 Pixels = NDArray[np.uint8]
@@ -193,6 +194,7 @@ def _without_distortion(image: Image, pixels: bytes) -> Pixels:
     """(height, width, 4) blue, green, red and opacity of an image."""
     picture = np.frombuffer(pixels, np.uint8).reshape(image.height_px, image.width_px, 3)
     opaque = cv2.cvtColor(picture, cv2.COLOR_RGB2BGRA)
-    if any(image.distortion):
-        opaque = cv2.undistort(opaque, _pinhole(image), np.array(image.distortion))
+    opaque = undistorted_picture(
+        np.asarray(opaque, np.uint8), image.focal_px, image.center_px, image.distortion, image.aspect
+    )
     return np.asarray(opaque, np.uint8)

@@ -7,7 +7,7 @@ did.
 import base64
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from math import degrees, hypot, isfinite, radians, sqrt, tan
+from math import degrees, hypot, isfinite, sqrt
 from typing import Any
 
 import numpy as np
@@ -254,7 +254,7 @@ def _finite(vector: Iterable[float]) -> bool:
 def robot_shapes(vehicle: VehicleConfig) -> dict[str, Any]:
     """Sizes of vehicle, camera and platform, in metres, in the axes frd and rover_body."""
     camera, airframe, platform = vehicle.camera, vehicle.airframe, vehicle.platform
-    tan_right = tan(0.5 * radians(camera.field_of_view_deg))
+    tan_right = 0.5 * camera.width_px / camera.focal_px
     return {
         "stand": airframe.height_stand_m,
         "altimeter": vehicle.height_altimeter_m,
@@ -266,7 +266,7 @@ def robot_shapes(vehicle: VehicleConfig) -> dict[str, Any]:
             "q_rest": list(q_frd_from_camera(camera.pitch_rest_rad, camera.roll_offset_rad)),
             "turn": camera.turn_rad,
             "tan_right": tan_right,
-            "tan_down": tan_right * camera.height_px / camera.width_px,
+            "tan_down": 0.5 * camera.height_px / (camera.aspect * camera.focal_px),
         },
         "platform": {
             "side": platform.side_m,

@@ -3,13 +3,17 @@
 Each check is a function from the readings of one round to a `Check`.
 """
 
+from collections.abc import Collection
+
 from jezero.base.fence import nearest
 from jezero.schemas.preflight import Check, CheckName, Verdict
 from jezero.schemas.state import STATUS_WORDS, StatusCode
 from jezero.schemas.topics import CLOCK, FENCE, STATUS
 from jezero.services.preflight.readings import Readings
 
-LANDING_CHAIN = frozenset({"camera", "tag_detector", "estimator", "land_on_spot"})
+CAMERAS = frozenset({"camera", "camera_driver"})
+"""The simulated camera, and the driver of a real one: a vehicle has one of them."""
+LANDING_CHAIN = CAMERAS | {"tag_detector", "estimator", "land_on_spot"}
 """Services without which no landing on the rover is possible."""
 AGE_MAX_S = 0.5
 RATE_MIN = 0.9
@@ -46,13 +50,19 @@ def check_services(readings: Readings) -> Check:
     # The bridge and the recorder have a check of their own.
     ill = [health for health in ill if health.service not in ("vehicle_bridge", RECORDER)]
     parts = [f"{name} is silent" for name in lost] + [f"{health.service}: {health.text}" for health in ill]
-    missing = sorted(LANDING_CHAIN - readings.health.keys() - set(lost))
+    missing = _missing({*readings.health, *lost})
     parts += [f"no {name} runs" for name in missing] + ([readings.keys_problem] if readings.keys_problem else [])
     verdict: Verdict = "warning" if parts else "passed"
     if LANDING_CHAIN & set(lost) & readings.silent_services:
         verdict = "failed"
     hint = ": the vehicle could not land on the rover; see jezero ps" if LANDING_CHAIN & {*lost, *missing} else ""
     return _check("services", verdict, "; ".join(parts) + hint or f"all {len(readings.health)} are well")
+
+
+def _missing(known: Collection[str]) -> list[str]:
+    """Services of the landing chain that are not among these; one camera is enough."""
+    other_camera = CAMERAS if CAMERAS & set(known) else {"camera_driver"}
+    return sorted(LANDING_CHAIN - other_camera - set(known))
 
 
 def check_clock(readings: Readings) -> Check:

@@ -25,8 +25,8 @@ OUTSTANDING_MAX = 20
 ROUND_TRIP_MAX_NS = 500_000_000
 """A later reply says nothing."""
 KNOWN_AFTER = 5
-"""Number of replies from which on the controller's time counts as known; one is enough for a bridge that is started anew
-in flight, as a second without setpoints is the controller's failsafe."""
+"""Number of replies from which on the controller's time counts as known. For a bridge that is started anew in flight
+one is enough, as a second without setpoints is the controller's failsafe."""
 NOISE_NS = 500_000
 """What the times of two replies may differ by, beside their round trips: both programs take turns."""
 STD_DRIFT = 0.02

@@ -65,6 +65,12 @@ VARIABLES = (
     ),
     Variable("JEZERO_GATE", "`0` or `1`", "`0`", "whether containers run the gate; `jezero up` sets it by the links."),
     Variable(
+        "JEZERO_CAMERA",
+        "`0` or `1`",
+        "`0`",
+        "whether containers run the driver of a real camera; `jezero up` sets it by `camera_driver.toml`.",
+    ),
+    Variable(
         "JEZERO_GCS_HOST",
         "IPv4 address",
         "`127.0.0.1`",

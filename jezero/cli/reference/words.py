@@ -220,6 +220,8 @@ def _bounds(kind: types.IntType | types.FloatType) -> str:
 def _default_words(field: types.Field) -> str:
     if field.required:
         return "required"
+    if field.default is msgspec.NODEFAULT and field.default_factory is msgspec.NODEFAULT:
+        return "left out"  # the default is msgspec.UNSET
     value = field.default_factory() if field.default is msgspec.NODEFAULT else field.default
     if value is None:
         return "none"

@@ -129,9 +129,11 @@ def footprint(camera: CameraMountConfig, q_ned_from_camera: Quat, height_m: floa
         q_ned_from_camera: attitude of the camera (right, down, forward).
         height_m: of the camera above the ground.
     """
-    right = 0.5 * camera.width_px / camera.focal_px
-    down = 0.5 * camera.height_px / camera.focal_px
-    seen = undistort(np.array(((-right, -down), (right, -down), (right, down), (-right, down))), camera.distortion)
+    (center_x_px, center_y_px), focal_px = camera.center_px, camera.focal_px
+    left, top = -(center_x_px + 0.5) / focal_px, -(center_y_px + 0.5) / focal_px
+    right, down = (camera.width_px - 0.5 - center_x_px) / focal_px, (camera.height_px - 0.5 - center_y_px) / focal_px
+    corners = np.array(((left, top), (right, top), (right, down), (left, down)))
+    seen = undistort(corners, camera.distortion, camera.aspect)
     rays = [quat_rotate(q_ned_from_camera, (float(x), float(y), 1.0)) for x, y in seen]
     scales = [height_m / max(ray[2], HORIZON * float(np.linalg.norm(ray))) for ray in rays]
     return np.array([(scale * ray[0], scale * ray[1]) for scale, ray in zip(scales, rays, strict=True)])

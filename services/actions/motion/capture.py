@@ -254,6 +254,7 @@ class Capture:
             focal_px=reduced * info.focal_px,
             center_px=(reduced * (center_x_px + 0.5) - 0.5, reduced * (center_y_px + 0.5) - 0.5),
             distortion=info.distortion,
+            focal_y_px=msgspec.UNSET if info.focal_y_px is msgspec.UNSET else reduced * info.focal_y_px,
             range_m=None if altimeter is None else altimeter.range_m,
             imu=self._nearest(IMU, frame.t_ns),
             gnss=self._nearest(GNSS, frame.t_ns),

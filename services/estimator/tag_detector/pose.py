@@ -31,6 +31,7 @@ class TagView:
         R_ned_from_camera: (3, 3) rotation.
         pos_camera_uav_ned_m: (3,) from the vehicle to the optical centre.
         distortion: the lens' coefficients.
+        aspect: focal length down the image by that across it.
     """
 
     focal_px: float
@@ -38,11 +39,13 @@ class TagView:
     R_ned_from_camera: Array
     pos_camera_uav_ned_m: Array
     distortion: Distortion
+    aspect: float = 1.0
 
     def ideal_px(self, corners_px: Array) -> Array:
         """Where (n, 2) corners would be in the image of a lens without distortion."""
         center_px = np.array(self.center_px)
-        ideal: Array = self.focal_px * undistort((corners_px - center_px) / self.focal_px, self.distortion) + center_px
+        seen = (corners_px - center_px) / self.focal_px
+        ideal: Array = self.focal_px * undistort(seen, self.distortion, self.aspect) + center_px
         return ideal
 
 
@@ -54,7 +57,7 @@ def make_view(info: CameraInfo, pitch_camera_rad: float, q_ned_from_frd: Quat, r
         for axis in axes
     ]
     mount_ned_m = np.array(quat_rotate(q_ned_from_frd, info.pos_camera_frd_m))
-    return TagView(info.focal_px, info.center_px, np.array(columns).T, mount_ned_m, info.distortion)
+    return TagView(info.focal_px, info.center_px, np.array(columns).T, mount_ned_m, info.distortion, info.aspect)
 
 
 @dataclass(frozen=True)

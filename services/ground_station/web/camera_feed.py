@@ -234,7 +234,7 @@ def _pixel(ray_ned_m: Vec3, q_ned_from_camera: Quat, camera: CameraMountConfig) 
     right_m, down_m, forward_m = quat_rotate(quat_conjugate(q_ned_from_camera), ray_ned_m)
     if forward_m < RANGE_MIN_M:
         return None
-    x, y = distort(np.array([right_m / forward_m, down_m / forward_m]), camera.distortion)
+    x, y = distort(np.array([right_m / forward_m, down_m / forward_m]), camera.distortion, camera.aspect)
     if not (np.isfinite(x) and np.isfinite(y)):
         return None
     center_x, center_y = camera.center_px

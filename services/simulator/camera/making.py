@@ -51,7 +51,7 @@ def make_renderer(config: CameraConfig, terrain: TerrainConfig, vehicle: Vehicle
     Raises:
         NoEglError: `renderer` is "egl", and there is none.
     """
-    if not any(vehicle.camera.distortion):
+    if vehicle.camera.is_plain:
         return _make_pinhole(config, terrain, vehicle, seed)
     from jezero.services.simulator.camera.through_lens import LensRenderer, pinhole_behind
 

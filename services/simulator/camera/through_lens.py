@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 
 from jezero.base.arrays import Array
+from jezero.base.config import ConfigError
 from jezero.base.lens import undistort
 from jezero.base.vehicle_config import CameraMountConfig
 from jezero.schemas.sensors import NO_DISTORTION
@@ -14,13 +15,28 @@ from jezero.schemas.state import Scene
 from jezero.services.simulator.camera.service import Renderer
 from jezero.services.simulator.camera.view import CameraView
 
+ANGLE_MAX_DEG = 150.0
+"""Beyond it a pinhole's picture is mostly edge."""
+
 
 def pinhole_behind(camera: CameraMountConfig) -> CameraMountConfig:
-    """A camera without distortion whose picture contains all that the distorting one sees."""
+    """A camera without distortion whose picture contains all that the distorting one sees.
+
+    Raises:
+        ConfigError: the lens shows more than a pinhole can.
+    """
     reach = np.abs(_ideal_points(camera)).reshape(-1, 2).max(axis=0)
     half = max(float(reach[0]), float(reach[1]) * camera.width_px / camera.height_px)
     angle_deg = degrees(2.0 * atan(half))
-    return msgspec.structs.replace(camera, field_of_view_deg=angle_deg, distortion=NO_DISTORTION)
+    if not angle_deg <= ANGLE_MAX_DEG:  # NaN, where a corner of the image is beyond 90 degrees from the axis
+        raise ConfigError(
+            f"the camera of vehicle.toml sees more than {ANGLE_MAX_DEG:g} degrees across, which the simulated camera "
+            'can\'t render: set mode = "projected" in camera.toml, or another lens for the simulation'
+        )
+    none = dict.fromkeys(("fx_px", "fy_px", "cx_px", "cy_px"))
+    return msgspec.structs.replace(
+        camera, field_of_view_deg=angle_deg, distortion_model="plumb_bob", distortion=NO_DISTORTION, **none
+    )
 
 
 class LensRenderer:
@@ -55,4 +71,4 @@ def _ideal_points(camera: CameraMountConfig) -> Array:
     """(height, width, 2) points of the ideal image, at unit distance, that each pixel shows."""
     columns_px, rows_px = np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px))
     pixels = np.stack((columns_px, rows_px), axis=-1)
-    return undistort((pixels - np.array(camera.center_px)) / camera.focal_px, camera.distortion)
+    return undistort((pixels - np.array(camera.center_px)) / camera.focal_px, camera.distortion, camera.aspect)

@@ -117,5 +117,6 @@ def project(points_m: Array, view: CameraView, info: CameraInfo) -> Array:
     in_camera = (points_m - np.array(view.pos_camera_ned_m)) @ view.rotation_ned_from_camera
     depth_m = in_camera[..., 2:]
     depth_m = np.where(depth_m > NEAREST_M, depth_m, np.nan)
-    pixels: Array = info.focal_px * distort(in_camera[..., :2] / depth_m, info.distortion) + np.array(info.center_px)
+    seen = distort(in_camera[..., :2] / depth_m, info.distortion, info.aspect)
+    pixels: Array = info.focal_px * seen + np.array(info.center_px)
     return pixels

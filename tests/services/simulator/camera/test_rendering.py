@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from functools import lru_cache
 from math import pi
+from typing import Any
 
 import cv2
 import msgspec
@@ -10,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from jezero.base.config import ConfigError
 from jezero.base.frames import Vec3, quat_from_euler
 from jezero.base.vehicle_config import PlatformConfig, VehicleConfig
 from jezero.schemas.landing_board import BIG_ID
@@ -98,18 +100,42 @@ def test_tags_are_where_they_are_projected(kind: str, largest_px: float) -> None
     assert np.abs(np.mean(errors_px, axis=(0, 1))).max() < 0.15
 
 
-def test_tags_are_where_they_are_projected_through_a_lens_too(egl: EglRenderer) -> None:
-    lens = msgspec.structs.replace(VEHICLE.camera, turn_rad=0.4, distortion=(-0.2, 0.06, 0.001, -0.002, 0.0))
+CALIBRATED = {"fx_px": 380.0, "fy_px": 399.0, "cx_px": 335.0, "cy_px": 230.0}
+EQUIDISTANT = {"distortion_model": "equidistant", "distortion": (-0.02, 0.01, -0.004, 0.001)}
+RATIONAL = {
+    "distortion_model": "rational_polynomial",
+    "distortion": (0.5, 0.05, 0.0005, -0.0004, 0.002, 0.9, 0.15, 0.01),
+}
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [{"distortion": (-0.2, 0.06, 0.001, -0.002, 0.0)}, CALIBRATED, {**CALIBRATED, **EQUIDISTANT}, RATIONAL],
+    ids=["plumb_bob", "pixels that are no squares", "equidistant", "rational_polynomial"],
+)
+def test_tags_are_where_they_are_projected_through_a_lens_too(egl: EglRenderer, fields: dict[str, Any]) -> None:
+    lens = msgspec.structs.replace(VEHICLE.camera, turn_rad=0.4, **fields)
     vehicle = msgspec.structs.replace(VEHICLE, camera=lens)
     distorting = make_renderer(msgspec.structs.replace(CONFIG, renderer="egl"), SIMULATOR.terrain, vehicle, seed=1)
-    for beside_m in ((0.9, -0.3), (-0.7, 0.6), (0.0, 0.0)):
+    errors_px = []
+    for beside_m in ((0.9, -0.3), (-0.7, 0.6), (0.0, 0.0), (0.5, 0.5), (-0.5, -0.4), (0.8, 0.3)):
         at = scene(2.0, beside_m)
         seen = view_of(at, lens.pos_camera_frd_m, (DOWN_RAD, 0.0), turn_camera_rad=lens.turn_rad)
         pixels = np.frombuffer(distorting.picture(at, (seen, seen, seen)), dtype=np.uint8)
         found = find_tags(pixels.reshape(INFO.height_px, INFO.width_px, 3))
         corners_px, inside = tags_in_picture(BOARD, seen, lens.info(0))
         assert inside[0]
-        assert np.abs(found[BIG_ID] - corners_px[0]).max() < 0.8
+        if BIG_ID in found:  # the vehicle's shadow hides it at times, through every lens
+            errors_px.append(np.abs(found[BIG_ID] - corners_px[0]).max())
+    assert len(errors_px) >= 3
+    assert max(errors_px) < 0.8
+
+
+def test_a_lens_that_no_pinhole_can_render_is_refused_with_what_to_do() -> None:
+    wide = {"fx_px": 290.0, "fy_px": 290.0, "cx_px": 319.5, "cy_px": 239.5, **EQUIDISTANT}
+    vehicle = msgspec.structs.replace(VEHICLE, camera=msgspec.structs.replace(VEHICLE.camera, **wide))
+    with pytest.raises(ConfigError, match='set mode = "projected" in camera'):
+        make_renderer(CONFIG, SIMULATOR.terrain, vehicle, seed=1)
 
 
 @pytest.mark.parametrize("kind", ["egl", "tiny"])
