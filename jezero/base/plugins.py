@@ -22,8 +22,8 @@ from jezero.schemas.topics import ACTIONS
 
 GROUP = "jezero.actions"
 SERVICE_NAMES = (
-    "simulator", "camera", "camera_driver", "autopilot", "rover", "rover_driver", "uwb", "vehicle_bridge", "tag_detector",
-    "estimator", "preflight", "mission", "recorder", "ground_station", "actions",
+    "simulator", "camera", "camera_driver", "autopilot", "rover", "rover_driver", "uwb", "vehicle_bridge",
+    "tag_detector", "estimator", "preflight", "mission", "recorder", "ground_station", "actions",
 )  # fmt: skip
 """Names of services, which no action may have: the server of an action is a service with the action's name. They are
 those of `jezero/services/table.py`, which this module can't import."""

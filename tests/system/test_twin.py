@@ -41,10 +41,10 @@ def fly_it(stack: Stack, folder: Path) -> None:
     stack.jezero("up", "-d", "--profile", "onboard")
 
 
-def hovers(uav: Vehicle) -> bool:
-    """Whether the vehicle hovers; not while no bridge runs."""
+def is_handed_over(uav: Vehicle) -> bool:
+    """Whether a new bridge has found the vehicle in the air; not while no bridge runs."""
     try:
-        return uav.status().code == StatusCode.HOVER
+        return uav.status().code == StatusCode.EXTERNAL
     except Unreachable:
         return False
 
@@ -81,7 +81,9 @@ def test_a_bridge_that_dies_over_the_twin_and_a_plug_that_is_pulled_cost_the_goa
             before = unstarted.processes()["vehicle_bridge"]
             os.kill(before, signal.SIGKILL)
             wait_for(lambda: unstarted.processes().get("vehicle_bridge", before) != before, 60, "a new bridge runs")
-            wait_for(lambda: hovers(uav), 60, "the new bridge hovers")
+            wait_for(lambda: is_handed_over(uav), 60, "a new bridge replies")
+            uav.hover()
+            wait_for_status(uav, lambda status: status.code == StatusCode.HOVER, 60, "the new bridge has control")
             assert uav.status().epoch_id == epoch_id
 
             twin.send_signal(signal.SIGUSR1)
@@ -90,5 +92,5 @@ def test_a_bridge_that_dies_over_the_twin_and_a_plug_that_is_pulled_cost_the_goa
             )
             time.sleep(2.0)  # the controller's own failsafe begins
             twin.send_signal(signal.SIGUSR1)
-            wait_for_status(uav, lambda status: status.ready, FLIGHT_TIMEOUT_S, "it has landed, and is ready again")
+            wait_for_status(uav, lambda s: s.ready and s.code == StatusCode.IDLE, FLIGHT_TIMEOUT_S, "landed, and ready")
             uav.takeoff(altitude_m=2.0).result(FLIGHT_TIMEOUT_S)
