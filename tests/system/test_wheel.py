@@ -131,7 +131,7 @@ def test_the_client_alone_works_with_later_versions_of_python(wheel: Path, tmp_p
     assert done.returncode == 0, done.stderr
     unreachable, extra = done.stdout.splitlines()
     assert "no router at tcp/127.0.0.1:1" in unreachable
-    assert extra == "jezero.recording needs mcap, which is not installed: pip install 'jezero[cli]'"
+    assert extra == "jezero.recording needs mcap and numpy, which are not installed: pip install 'jezero[cli]'"
 
 
 def test_only_the_extra_with_the_simulator_is_bound_to_one_version_of_python(wheel: Path) -> None:
