@@ -222,12 +222,7 @@ class Udp:
         self.connections = 1
 
     def start(self) -> None:
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        try:
-            self._socket.bind(self._local)
-        except OSError as error:
-            raise OSError(error.errno, listen_error("udp", *self._local, MOVED_BY, error)) from None
+        self._socket = _bound(self._local)
         if self._only_from_peer:
             self._socket.connect(self._peer)
         self._more.register(self._socket, select.POLLIN)
@@ -264,6 +259,22 @@ class Udp:
             self._socket.close()
 
 
+def _bound(address: tuple[str, int]) -> socket.socket:
+    """A socket for datagrams to an address.
+
+    Raises:
+        OSError: another program has the address; the message names it.
+    """
+    bound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    bound.setblocking(False)
+    try:
+        bound.bind(address)
+    except OSError as error:
+        bound.close()
+        raise OSError(error.errno, listen_error("udp", *address, MOVED_BY, error)) from None
+    return bound
+
+
 class UdpListener:
     """Datagrams from whoever sends first to a local port, until that sender is silent; replies go to it.
 
@@ -281,12 +292,7 @@ class UdpListener:
         self.connections = 0
 
     def start(self) -> None:
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        try:
-            self._socket.bind(self._address)
-        except OSError as error:
-            raise OSError(error.errno, listen_error("udp", *self._address, MOVED_BY, error)) from None
+        self._socket = _bound(self._address)
 
     def sockets(self) -> Sequence[HasFileno]:
         return [] if self._socket is None else [self._socket]
