@@ -37,7 +37,7 @@ DistortionModel = Literal["plumb_bob", "rational_polynomial", "equidistant"]
 COEFFICIENTS: dict[DistortionModel, int] = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
 """Number of coefficients of each model."""
 COEFFICIENT_MAX = 2.0
-"""Of the models but the rational one, whose numerator and denominator may be large together."""
+"""Largest coefficient of distortion, but not of the rational model: its numerator and denominator may both be large."""
 NO_DISTORTION: Distortion = (0.0, 0.0, 0.0, 0.0, 0.0)
 
 

@@ -22,8 +22,8 @@ from jezero.schemas.sensors import CameraFrame
 
 QUALITY = 90
 DELAY_S = 0.12
-"""From the middle of an exposure until its picture has arrived at a client: 0.1 s in the simulated camera, the rest for
-rendering, JPEG and the way."""
+"""Estimated time from the middle of an exposure until its picture has arrived at a client. The simulated camera delays
+each picture by 0.1 s; rendering, JPEG and the way take the rest."""
 BOUNDARY = "picture"
 RETRY_S = 0.5
 END_TIMEOUT_S = 5.0

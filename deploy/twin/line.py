@@ -12,7 +12,7 @@ from collections import deque
 from pathlib import Path
 
 BITS_PER_BYTE = 10
-"""With a start and a stop bit."""
+"""A serial line sends a start bit and a stop bit with each byte."""
 BUFFER_BYTES = 1500
 """The sender's buffer, beside what is on the way."""
 SLICE_MAX_S = 0.02

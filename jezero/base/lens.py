@@ -17,7 +17,7 @@ from jezero.schemas.sensors import COEFFICIENTS, Distortion, shows_straight
 
 ITERATIONS = 20
 ITERATIONS_WIDE = 100
-"""Of the models of wide lenses, whose image is much denser at its edge."""
+"""Number of iterations for models of wide lenses, whose image is much denser at its edge."""
 NOT_FOUND_MIN = 1e-3
 """An iteration that is still this far from its point, at unit distance, has not found it."""
 EDGE_MAX_RAD = 1.55

@@ -114,7 +114,7 @@ class _Signals:
         self._seen_rad = np.array([step.angle_frd_rad for step in steps])
 
     def correlation(self, shift_s: float) -> float:
-        """Of the two rotations, if the pictures are older by `shift_s` than they say."""
+        """Correlation of the two rotations, if the pictures are older by `shift_s` than they say."""
         from_s, to_s = self._from_s - shift_s, self._to_s - shift_s
         inside = (from_s >= self._gyro_s[0]) & (to_s <= self._gyro_s[-1])
         if inside.sum() < 0.5 * len(inside):

@@ -110,7 +110,7 @@ def survey(
     if len(places) < PLACES_MIN and (between is None or len(set(known)) < 3):
         raise click.UsageError(
             f"give {PLACES_MIN} or more --place of the tag, or --between and three or more --known: "
-            "without places that were measured by hand, ranges tell the anchors' shape only"
+            "ranges alone can't tell where the anchors are on the platform, so some places must be measured by hand"
         )
     printer = Printer(as_json)
     ranges = {} if between is None else _ranges_between(between, len(anchors))
@@ -198,7 +198,8 @@ def _print_located(printer: Printer, located: "Located", known: dict[int, "Vec3"
         named = ", ".join(map(str, uncertain))
         printer.warn(
             f"the place of anchor {named} is uncertain by more than {STD_WARN_M:g} m: add places of the tag on other "
-            "sides, and higher or lower ones; places in one plane don't tell how far from it an anchor is"
+            "sides, and higher or lower ones; from places in one plane the "
+            "distance of an anchor to that plane can't be found"
         )
     if located.residual_m > RESIDUAL_WARN_M:
         printer.warn("the ranges don't fit together well: check the places, and what may be in the way")

@@ -31,11 +31,11 @@ SILENCE_MAX_S = 2.0
 """A stream that sends nothing for this time is opened again."""
 OPEN_TIMEOUT_S = 5.0
 BROKEN_MAX = 50
-"""After as many pictures in a row that can't be read a stream is opened again."""
+"""A stream is opened again when so many pictures in a row can't be read."""
 EARLY = 0.2
 """Part of a period by which a picture may come early and is still taken."""
 STREAM_OPTIONS = "rtsp_transport;tcp|fflags;nobuffer|flags;low_delay|analyzeduration;200000|probesize;50000"
-"""Of FFmpeg, against pictures that wait in buffers: with its defaults an RTSP stream is read 1.5 s late at times."""
+"""FFmpeg's options that keep its buffers small. With its own defaults an RTSP stream is read up to 1.5 s late."""
 PICTURES = (".bmp", ".jpeg", ".jpg", ".png", ".ppm", ".tif", ".tiff")
 JPEG_START, JPEG_END = b"\xff\xd8\xff", b"\xff\xd9"
 JPEG_MAX_BYTES = 32_000_000

@@ -16,7 +16,7 @@ from jezero.services.simulator.camera.service import Renderer
 from jezero.services.simulator.camera.view import CameraView
 
 ANGLE_MAX_DEG = 150.0
-"""Beyond it a pinhole's picture is mostly edge."""
+"""Largest angle of view of the picture that is bent through the lens: in a wider one most pixels are at the edge."""
 
 
 def pinhole_behind(camera: CameraMountConfig) -> CameraMountConfig:
