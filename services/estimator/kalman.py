@@ -11,7 +11,16 @@ from numpy.typing import NDArray
 from jezero.base.arrays import Array
 from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.innovations import Innovation, Observer, Sensor
-from jezero.services.estimator.motion import COMPASS_BIAS, IDENTITY, POS_ROVER, POS_UAV, SIZE, YAW, MotionModel
+from jezero.services.estimator.motion import (
+    COMPASS_BIAS,
+    IDENTITY,
+    POS_ROVER,
+    POS_UAV,
+    SIZE,
+    UWB_BIAS,
+    YAW,
+    MotionModel,
+)
 
 ORIGIN = np.zeros(SIZE)
 
@@ -144,6 +153,14 @@ class Kalman:
         for state in (YAW, COMPASS_BIAS):
             P[state, :] = P[:, state] = 0.0
             P[state, state] = std_rad * std_rad
+        self._filter.x, self._filter.P = x, P
+
+    def reset_uwb_bias(self, std_m: float) -> None:
+        """Forget the error that all UWB ranges share; it is independent of the rest then, with this deviation."""
+        x, P = self.x.copy(), self.P.copy()
+        x[UWB_BIAS] = 0.0
+        P[UWB_BIAS, :] = P[:, UWB_BIAS] = 0.0
+        P[UWB_BIAS, UWB_BIAS] = std_m * std_m
         self._filter.x, self._filter.P = x, P
 
     def inflate_covariance(self, states: slice, std: float) -> None:

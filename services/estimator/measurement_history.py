@@ -116,6 +116,8 @@ class MeasurementHistory:
         self.entries.append(HistoryEntry(_key(measurement), measurement, self.kalman.save(), result))
 
     def _is_known(self, measurement: Measurement) -> bool:
+        if measurement.kind == "locate":  # made by the filter itself: a turn and a position of one time are two resets
+            return False
         key = _key(measurement)
         i = bisect_right(self.entries, key, key=_BY_KEY)
         return i > 0 and self.entries[i - 1].key == key

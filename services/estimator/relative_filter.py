@@ -262,8 +262,16 @@ class RelativeFilter:
             return []
         return [PositionReset(tag.t_ns, tag.pos_rel_m, tag.measurement_cov_m2(), tag.error_jacobian())]
 
-    def _reset_by_uwb(self, history: MeasurementHistory, *, force: bool = False) -> bool:
-        """Reset the position by trilateration when the ranges cannot be linearised; always when `force`."""
+    def _reset_by_uwb(
+        self, history: MeasurementHistory, *, force: bool = False, std_bias_m: float | None = None
+    ) -> bool:
+        """Reset the position by trilateration when the ranges cannot be linearised; always when `force`.
+
+        Args:
+            std_bias_m: of the error that all ranges share, which is forgotten; None to keep it. Ranges that the filter
+                rejects may have another error than before: if it were kept, ranges that are right again would count as
+                wrong.
+        """
         kalman = history.kalman
         if not force and can_linearize_ranges(kalman):
             return False
@@ -276,7 +284,7 @@ class RelativeFilter:
         pos_rel_m, cov_m2 = found
         jacobian = np.zeros((3, SIZE))
         jacobian[:, UWB_BIAS] = pos_rel_m / max(float(np.linalg.norm(pos_rel_m)), 1e-3)
-        history.add([PositionReset(kalman.t_ns, pos_rel_m, cov_m2, jacobian)])
+        history.add([PositionReset(kalman.t_ns, pos_rel_m, cov_m2, jacobian, std_bias_m)])
         return True
 
     def _is_rejected(self, history: MeasurementHistory, kind: Kind, span_s: float) -> bool:
@@ -302,7 +310,7 @@ class RelativeFilter:
                 return
             if kind == "uwb" and t_ns - history.used_ns.get("tag", -span_ns) < span_ns:
                 self._judge_uwb(history, t_ns - span_ns)
-            elif kind == "uwb" and self._reset_by_uwb(history, force=True):
+            elif kind == "uwb" and self._reset_by_uwb(history, force=True, std_bias_m=self._tuning.std_uwb_bias_m):
                 self._reset_at_ns[kind] = t_ns
             elif kind == "tag":
                 statistics = history.statistics(kind, t_ns - int(span_s * NS_PER_S))
@@ -349,14 +357,21 @@ class HeadingReset(msgspec.Struct, frozen=True, gc=False):
 
 
 class PositionReset(msgspec.Struct, frozen=True, gc=False):
-    """Measured relative position that replaces the former estimate; fields as in `Kalman.reset_rover_position`."""
+    """Measured relative position that replaces the former estimate; fields as in `Kalman.reset_rover_position`.
+
+    Attributes:
+        std_uwb_bias_m: deviation of the error that all UWB ranges share, which is forgotten first; None to keep it.
+    """
 
     kind: ClassVar[Kind] = "locate"
     t_ns: int
     pos_rel_m: Array
     cov_m2: Array
     error_jacobian: Array
+    std_uwb_bias_m: float | None = None
 
     def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> UpdateResult:
+        if self.std_uwb_bias_m is not None:
+            kalman.reset_uwb_bias(self.std_uwb_bias_m)
         kalman.reset_rover_position(self.pos_rel_m, self.cov_m2, self.error_jacobian)
         return UpdateResult(3, 3)

@@ -39,7 +39,10 @@ cancelled too much would tip the vehicle over downwind; what is cancelled too li
 """
 LEVEL_TIME_CONSTANT_S = 0.5
 """A vehicle that stands upright loses the tilt that it had in the wind with this time constant."""
-Problem = Literal["", "slides", "leans"]
+BELOW_M, BELOW_SIGMAS = 0.2, 2.0
+"""A vehicle that touches the platform can't be lower than its surface by this and this number of standard deviations:
+it is beside the platform, or the estimate is wrong."""
+Problem = Literal["", "slides", "leans", "below"]
 
 
 class OnSurface(NamedTuple):
@@ -52,6 +55,11 @@ class OnSurface(NamedTuple):
 
     offset_ned_m: tuple[float, float]
     std_m: float = 0.0
+
+
+def is_below(platform: PlatformState | None) -> bool:
+    """Whether the estimate says that the vehicle is lower than a vehicle that touches the platform can be."""
+    return platform is not None and platform.height_m < -BELOW_M - BELOW_SIGMAS * platform.std_height_m
 
 
 class ContactWatcher:
@@ -91,14 +99,19 @@ class ContactWatcher:
             return (0.0, 0.0, 0.0)
         return (*level_acc_ned_mps2(self._free_down_ned), PUSH_ACC_MPS2)
 
-    def update(self, t_ns: int, surface: OnSurface | None, state: VehicleState) -> Problem:
+    def update(
+        self, t_ns: int, surface: OnSurface | None, state: VehicleState, platform: PlatformState | None = None
+    ) -> Problem:
         """Judge the newest state of a vehicle in contact; one that lies on its side has no problem that a climb solves.
 
         Args:
             surface: None while the place isn't measured.
+            platform: None for a landing elsewhere, and while the platform isn't measured.
         """
         if tilt_from_quat(state.q_ned_from_frd) > LYING_TILT_RAD:
             return ""
+        if is_below(platform):
+            return "below"
         if self._slides(t_ns, surface):
             return "slides"
         remaining = exp(-(t_ns - self._begin_ns) / NS_PER_S / LEVEL_TIME_CONSTANT_S)
@@ -194,6 +207,11 @@ class GoArounds:
             return (
                 f"the vehicle was tilted by {self._slope_deg:.0f} degrees on what it touched, in spite of "
                 f"{self._maximum} go-arounds: land where it is level"
+            )
+        if self._problems[-1] == "below":
+            return (
+                "by the estimate the vehicle came below the platform's surface, which can't be, in spite of "
+                f"{self._maximum} go-arounds: check the UWB ranges, and the positions of the anchors in vehicle.toml"
             )
         return (
             f"the vehicle slid on what it touched, in spite of {self._maximum} go-arounds: "

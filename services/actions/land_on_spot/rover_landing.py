@@ -23,6 +23,7 @@ from jezero.services.actions.land_on_spot.contact import (
     TouchdownDetector,
     feet_from_uav_ned_m,
     foot_drop_m,
+    is_below,
     landing_outcome,
 )
 from jezero.services.actions.land_on_spot.landing_watch import LandingWatch, WindLimit
@@ -244,7 +245,7 @@ class RoverLanding:
         """
         if self._touchdown.update(t_ns, measured, state.height_m):
             return Done("succeeded", then="force_disarm")
-        if problem := self._contact.update(t_ns, self._on_surface(measured, state), state):
+        if problem := self._contact.update(t_ns, self._on_surface(measured, state), state, measured):
             self._phase = "go_around"
             self._go_arounds.begin(t_ns, problem, state)
             return self._go_around(t_ns, 0.0, measured, state)
@@ -282,6 +283,9 @@ class RoverLanding:
         beside_m = 0.0 if self._tracking.platform is None else self._tracking.platform.error_m
         if beside_m > self._on_platform_m:
             return Done("aborted", f"touched down {beside_m:.2f} m from the middle of the platform", then="disarm")
+        if is_below(self._tracking.platform):
+            reason = "touched down below the platform's surface by the estimate: the vehicle stands beside the platform"
+            return Done("aborted", reason, then="disarm")
         return landing_outcome(state)
 
     # -- with the platform out of sight --

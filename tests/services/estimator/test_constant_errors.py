@@ -6,7 +6,13 @@ import pytest
 from jezero.base.arrays import Array
 from jezero.base.vehicle_config import PlatformConfig
 from jezero.services.estimator.config import Tuning, ValidityConfig
-from jezero.services.estimator.measurements import Measurement, TagMeasurement, UwbMeasurement
+from jezero.services.estimator.measurements import (
+    Measurement,
+    OdometryMeasurement,
+    RoverOdometryMeasurement,
+    TagMeasurement,
+    UwbMeasurement,
+)
 from jezero.services.estimator.motion import COMPASS_BIAS, SIZE, TAG_SCALE, UWB_BIAS
 from jezero.services.estimator.relative_filter import RelativeFilter
 from tests.services.estimator.test_filter import (
@@ -54,6 +60,29 @@ def test_ranges_that_are_all_30_cm_too_long_do_not_contradict_the_tag() -> None:
     # 30 cm of 5.6 m may as well be tags that are 5 % too small: one standard deviation of the scale, three of the bias.
     assert relative.estimate.pos_rel_m == pytest.approx(REL_M * (1.0 + 0.3 / 5.6), abs=0.15)
     assert relative.std_pos_m > 0.05
+
+
+@pytest.mark.parametrize("bias_m", [0.7, -0.7])
+def test_ranges_that_are_right_again_are_used_though_the_filter_knew_their_common_error_well(bias_m: float) -> None:
+    rng = np.random.default_rng(2)
+    relative = RelativeFilter(Tuning(), ValidityConfig(), PlatformConfig())
+    errors_m: dict[int, float] = {}
+    for ms in range(0, 10000, 20):
+        t_s = ms / 1000
+        swaying_m = np.array((1.5 * np.sin(t_s), 0.0, -2.0 - np.sin(0.7 * t_s)))  # it shows the error that ranges share
+        swaying_mps = np.array((1.5 * np.cos(t_s), 0.0, -0.7 * np.cos(0.7 * t_s)))
+        measurements: list[Measurement] = [
+            OdometryMeasurement(ms * MS, np.concatenate((POS_ROVER_M + swaying_m, swaying_mps))),
+            RoverOdometryMeasurement(ms * MS, 0.0, YAW_RAD, 0.0, 0.03, 0.03, 0.01),
+        ]
+        if ms % 60 == 0:
+            measured_m = ranges_m(swaying_m) + rng.normal(0.0, 0.01, 4) + (bias_m if t_s < 5.0 else 0.0)
+            measurements.append(UwbMeasurement(ms * MS, LEVER_M, ANCHORS_M, measured_m, np.zeros(4), 0.02))
+        relative.add(measurements)
+        assert relative.estimate is not None
+        errors_m[ms] = float(np.linalg.norm(relative.estimate.pos_rel_m - swaying_m))
+    assert max(error_m for ms, error_m in errors_m.items() if 4700 < ms < 5000) < 0.2
+    assert max(error_m for ms, error_m in errors_m.items() if ms > 6500) < 0.1
 
 
 def test_a_measured_position_takes_its_constant_error_from_the_state() -> None:

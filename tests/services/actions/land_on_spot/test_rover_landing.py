@@ -286,6 +286,29 @@ def test_a_touchdown_beside_the_platform_is_no_success() -> None:
     assert "m from the middle of the platform" in done.reason
 
 
+def test_a_touchdown_below_the_surface_by_the_estimate_is_no_success() -> None:
+    landing = Landing(BOTH)
+    while "contact" not in landing.phases:
+        assert landing.run(DT_S) is None
+    landing.offset_of_estimate_m = (0.0, 0.0, 0.4)
+    landing.landed = True
+    done = landing.run(DT_S)
+    assert done is not None
+    assert (done.outcome, done.then) == ("aborted", "disarm")
+    assert "below the platform's surface" in done.reason
+
+
+def test_a_vehicle_that_comes_below_the_surface_by_the_estimate_goes_around() -> None:
+    landing = Landing(BOTH)
+    landing.grounded = False
+    landing.offset_of_estimate_m = (0.0, 0.0, 0.4)
+    done = landing.run(120.0)
+    assert "go_around" in landing.phases
+    assert done is not None
+    assert done.outcome == "aborted"
+    assert "came below the platform's surface, which can't be, in spite of" in done.reason
+
+
 def test_a_vehicle_that_lies_on_the_platform_has_not_landed() -> None:
     landing = Landing(BOTH)
     landing.q_ned_from_frd = (0.6, 0.8, 0.0, 0.0)
