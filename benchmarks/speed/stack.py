@@ -108,6 +108,30 @@ def running_stack(instance: Instance, folder: Path, *words: str, settings: Path 
 
 
 @contextmanager
+def running_twin(folder: Path, settings: Path, baud: int) -> Iterator["subprocess.Popen[str]"]:
+    """Run `jezero twin` until the context ends.
+
+    Args:
+        folder: of the twin; its settings for the stack that flies it are in `twin.SETTINGS` there.
+        settings: of the simulated world.
+        baud: that of the flight controller's line.
+
+    Raises:
+        RuntimeError: the twin doesn't start.
+    """
+    environment = {**os.environ, "JEZERO_CONFIG_DIR": str(settings)}
+    words = [*JEZERO, "twin", "--folder", str(folder), "--baud", str(baud)]
+    with subprocess.Popen(words, env=environment, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            if not any("fly it with" in line for line in iter(process.stdout.readline, "")):
+                raise RuntimeError("the twin has ended")
+            yield process
+        finally:
+            process.terminate()
+
+
+@contextmanager
 def running_router(instance: Instance, folder: Path) -> Iterator[tuple[int, Instance]]:
     """Run a router alone.
 

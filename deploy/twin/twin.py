@@ -80,6 +80,7 @@ def running_hardware(folder: Path, drift_ppm: float) -> Iterator[Instance]:
     settings, run_dir = folder / "hardware" / "config", folder / "hardware" / "run"
     shutil.copytree(config_directory(), settings, dirs_exist_ok=True)
     _set(settings / "simulator.toml", "pace", f"{1.0 + 1e-6 * drift_ppm:.6f}")
+    _set(settings / "simulator.toml", "time_from_boot", "true")
     _set(settings / "simulator.toml", "on_hil", "true", "altimeter")  # the rangefinder is the flight controller's
     with reserved_instance(VEHICLE) as instance:
         own = {"JEZERO_CONFIG_DIR": str(settings), "JEZERO_RUN_DIR": str(run_dir), "JEZERO_RECORD": "0"}

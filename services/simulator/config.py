@@ -335,6 +335,8 @@ class SimulatorConfig(Config, frozen=True, kw_only=True):
         density_air_kgpm3: density of the air.
         pace: seconds of vehicle time in one of real time. The clocks of a real vehicle differ by some 1e-5 from this
             computer's.
+        time_from_boot: whether the autopilot's time is 0 when it connects, as that of a flight controller that boots. A
+            stack that gets its time from the simulator needs `false`.
         rover_host: IPv4 address, or name of this computer, at which the rover's computer reaches the simulator. Another
             one than this machine's own 127.0.0.1 needs `JEZERO_INSECURE=1`, as the link has no TLS.
         origin: geodetic position of the map's origin.
@@ -354,6 +356,7 @@ class SimulatorConfig(Config, frozen=True, kw_only=True):
     gravity_mps2: Positive = 9.81
     density_air_kgpm3: Positive = 1.2
     pace: Annotated[float, Meta(ge=0.1, le=2.0)] = 1.0
+    time_from_boot: bool = False
     rover_host: str = "127.0.0.1"
     origin: OriginConfig = OriginConfig()
     terrain: TerrainConfig = TerrainConfig()

@@ -31,12 +31,16 @@ _HIL_SENSOR = FramePacker(
 class HilPort:
     """The simulator's side of one connection to an autopilot.
 
+    Args:
+        boot_ns: vehicle time at which the autopilot's own time is 0.
+
     Attributes:
         commands_received: number of HIL_ACTUATOR_CONTROLS so far.
         commands: (4,) motor commands in 0..1, in the autopilot's order; zero while it isn't armed.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, boot_ns: int = 0) -> None:
+        self._boot_ns = boot_ns
         self._codec = MavlinkCodec(SYSTEM_ID, COMPONENT_ID)
         self.commands: Sequence[float] = MOTORS_OFF
         self.commands_received = 0
@@ -47,6 +51,10 @@ class HilPort:
             if message.get_msgId() == dialect.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS:
                 self.commands = _motor_commands(message)
                 self.commands_received += 1
+
+    def _controller_ns(self, t_ns: int) -> int:
+        """The autopilot's own time at a vehicle time."""
+        return max(0, t_ns - self._boot_ns)
 
     def sensor(
         self, t_ns: int, acc_frd_mps2: Vec3, gyro_frd_rps: Vec3, mag: Magnetometer | None, baro: Barometer | None
@@ -65,7 +73,7 @@ class HilPort:
             temperature_degc = baro.temperature_degc
         air = (pressure_hpa, 0.0, altitude_m, temperature_degc)
         return self._codec.pack_numbers(
-            _HIL_SENSOR, t_ns // 1000, *acc_frd_mps2, *gyro_frd_rps, *field, *air, updated, 0
+            _HIL_SENSOR, self._controller_ns(t_ns) // 1000, *acc_frd_mps2, *gyro_frd_rps, *field, *air, updated, 0
         )
 
     def gps(self, fix: Gnss) -> bytes:
@@ -76,7 +84,7 @@ class HilPort:
         course_deg = degrees(atan2(east_mps, north_mps)) % 360.0 if hypot(north_mps, east_mps) > 0.0 else 0.0
         return self._codec.pack(
             dialect.MAVLink_hil_gps_message(
-                fix.t_ns // 1000,
+                self._controller_ns(fix.t_ns) // 1000,
                 FIX_3D,
                 round(latitude_deg * 1e7),
                 round(longitude_deg * 1e7),
@@ -97,7 +105,7 @@ class HilPort:
         min_cm, max_cm = round(100.0 * mount.range_min_m), round(100.0 * mount.range_max_m)
         range_cm = max_cm + 1 if altimeter.range_m is None else round(100.0 * altimeter.range_m)
         kind, down = dialect.MAV_DISTANCE_SENSOR_LASER, dialect.MAV_SENSOR_ROTATION_PITCH_270
-        t_ms = altimeter.t_ns // 1_000_000 & 0xFFFFFFFF
+        t_ms = self._controller_ns(altimeter.t_ns) // 1_000_000 & 0xFFFFFFFF
         return self._codec.pack(
             dialect.MAVLink_distance_sensor_message(t_ms, min_cm, max_cm, range_cm, kind, 0, down, 255)
         )

@@ -120,7 +120,7 @@ class Simulator:
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
         """Advance the world by 4 ms to `t_ns`, with or without a new motor command."""
-        self._follow_link(inbox)
+        self._follow_link(t_ns, inbox)
         yield from self._clock(t_ns, inbox.wall_ns)
         self._drive.update(t_ns, self._rover_port.commands(inbox))
         yield from self._health()
@@ -158,13 +158,13 @@ class Simulator:
     def _epoch_id(self) -> int:
         return (self._boot_id * EPOCHS_PER_BOOT + self._connections) % EPOCH_LIMIT
 
-    def _follow_link(self, inbox: Inbox) -> None:
+    def _follow_link(self, t_ns: int, inbox: Inbox) -> None:
         """Take the newest motor commands; a new autopilot finds a new vehicle, a lost one leaves the motors off."""
         connections = inbox.connections(HIL)
         up = inbox.is_up(HIL)
         if connections != self._connections:
             self._connections = connections
-            self._respawn()
+            self._respawn(t_ns)
         if up:
             self._hil.receive(inbox.received(HIL))
         elif self._up:
@@ -182,9 +182,9 @@ class Simulator:
             self._reported = Health(state, text)
             yield self._reported
 
-    def _respawn(self) -> None:
+    def _respawn(self, t_ns: int) -> None:
         """Put vehicle and rover back to their start; delayed readings of the old epoch are dropped."""
-        self._hil = HilPort()
+        self._hil = HilPort(t_ns if self._config.time_from_boot else 0)
         self._uav.stop()
         self._rover = RoverModel(self._config.rover, self._terrain, self._vehicle.platform.height_m)
         self._drive = Drive(self._config.rover)

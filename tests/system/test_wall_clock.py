@@ -18,6 +18,7 @@ from jezero.base.zenoh_client import client_config
 from jezero.schemas import topics
 from jezero.schemas.state import StatusCode
 from tests.system.conftest import Stack, new_stack
+from tests.system.test_twin import START_TIMEOUT_S, fly_it, running_twin
 
 HOUR_S = 3600
 STEP_MAX_NS = 10_000_000_000
@@ -87,8 +88,8 @@ def test_a_jump_reaches_pythons_clock_and_zenohs_but_not_the_monotonic_one(wall_
         process.stdin.close()
 
 
-@pytest.mark.long
-def test_a_wall_clock_that_jumps_in_flight_changes_nothing(stack: Stack, wall_clock: WallClock) -> None:
+def check_that_jumps_change_nothing(stack: Stack, wall_clock: WallClock) -> None:
+    """Fly to a target while the wall clock jumps ahead, back and to its place again."""
     statuses: list[dict[str, Any]] = []
     stack.jezero("takeoff", "2")
     with zenoh.open(client_config(stack.instance.router)) as session:
@@ -111,4 +112,23 @@ def test_a_wall_clock_that_jumps_in_flight_changes_nothing(stack: Stack, wall_cl
     times_ns = [status["t_ns"] for status in statuses]
     # Vehicle time steps back by as long as its master stood still, which a loaded machine does for milliseconds.
     assert all(abs(after - before) < STEP_MAX_NS for before, after in pairwise(times_ns))
+
+
+@pytest.mark.long
+def test_a_wall_clock_that_jumps_in_flight_changes_nothing(stack: Stack, wall_clock: WallClock) -> None:
+    check_that_jumps_change_nothing(stack, wall_clock)
     assert stack.processes() == stack.processes_cached
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(400)
+def test_on_hardware_a_wall_clock_that_jumps_in_flight_changes_nothing(
+    unstarted: Stack, wall_clock: WallClock, tmp_path: Path
+) -> None:
+    """The flight controller's clock, which the stack follows, is another one than this computer's."""
+    with running_twin(tmp_path):
+        unstarted.environment.update(wall_clock.variables)
+        fly_it(unstarted, tmp_path)
+        with unstarted.connect() as uav:
+            uav.wait_ready(START_TIMEOUT_S)
+        check_that_jumps_change_nothing(unstarted, wall_clock)

@@ -108,3 +108,10 @@ def test_a_range_is_in_centimetres_and_beyond_the_limits_where_nothing_is_met(
     assert message.get_msgId() == dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR
     assert (message.time_boot_ms, message.current_distance) == (1234, range_cm)
     assert (message.min_distance, message.max_distance, message.orientation) == (15, 1000, 25)
+
+
+def test_the_time_of_a_controller_that_boots_counts_from_its_boot_and_is_never_negative() -> None:
+    port = HilPort(boot_ns=T_NS - 2_000_000)
+    imu = ((0.0, 0.0, -9.81), (0.0, 0.0, 0.0))
+    assert decoded(port.sensor(T_NS, *imu, None, None)).time_usec == 2000
+    assert decoded(port.sensor(T_NS - 5_000_000, *imu, None, None)).time_usec == 0
