@@ -1,22 +1,25 @@
 """The link to a real camera: each kind of source, and each way in which it fails and comes back."""
 
 import http.server
+import io
 import select
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from jezero.base.config import ConfigError
 from jezero.base.picture_link import ArrivedPicture, NoPicture, decode_picture
 from jezero.runtime import video
-from jezero.runtime.video import CaptureSource, OpenSource, SourceError, VideoLink, shown_source, source_of
+from jezero.runtime.video import CaptureSource, MjpegSource, OpenSource, SourceError, VideoLink, shown_source, source_of
 
 RATE_HZ = 20.0
 DEADLINE_S = 30.0
@@ -181,6 +184,52 @@ def test_garbage_is_named_and_pictures_are_read_when_they_come_again(server: Mjp
         assert not link.up
         server.part = jpeg_of
         next_from(link, is_picture)
+
+
+PIECES = st.one_of(
+    st.binary(max_size=40),
+    st.sampled_from(
+        [
+            b"--frame\r\n",
+            b"--",
+            b"\r\n",
+            b"\r\n\r\n",
+            b"Content-Length: 5\r\n",
+            b"Content-Length: 99999999999\r\n",
+            b"content-length:-1\r\n",
+            b"Content-Type: image/jpeg\r\n",
+            b"\xff\xd8\xff",
+            b"\xff\xd9",
+            jpeg_of(1),
+            jpeg_of(2)[:100],
+        ]
+    ),
+)
+
+
+class Bytes(io.BytesIO):
+    """The reply of a camera that sends these bytes, and ends."""
+
+    headers: ClassVar = {"Content-Type": "multipart/x-mixed-replace; boundary=frame"}
+
+
+@pytest.mark.long
+@settings(max_examples=10_000, deadline=None, database=None)
+@given(pieces=st.lists(PIECES, max_size=12))
+def test_no_bytes_of_a_stream_raise_anything_but_the_reason_and_a_good_picture_is_read_after_them(
+    pieces: list[bytes],
+) -> None:
+    good = b"--frame\r\nContent-Length: %d\r\n\r\n" % len(jpeg_of(7)) + jpeg_of(7) + b"\r\n"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(video, "_open_url", lambda url: Bytes(b"".join(pieces) + b"\r\n" + 3 * good))
+        source = MjpegSource("http://127.0.0.1/stream")
+    pictures = []
+    with pytest.raises(SourceError):
+        while True:
+            source.wait()
+            pictures.append(source.picture())
+    announced = b"".join(pieces).lower().count(b"content-length: 99999999999")
+    assert announced or any(picture is not None and abs(int(picture[0, 0, 1]) - 47) < 4 for picture in pictures)
 
 
 def test_silence_is_named_and_ends(server: MjpegServer, monkeypatch: pytest.MonkeyPatch) -> None:
