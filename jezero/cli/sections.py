@@ -69,6 +69,9 @@ SECTIONS: dict[str, dict[str, Listed]] = {
         "uwb": Listed("jezero.cli.uwb", "uwb", "Test the UWB ranges, and find the places of the anchors.", "services"),
         "tag": Listed("jezero.cli.tag", "tag", "Print the tags on the rover's platform.", "report"),
     },
+    "Other tools": {
+        "ros2": Listed("jezero.cli.ros2", "ros2", "Show the vehicle in ROS 2."),
+    },
     "Missions": {
         "fence": Listed("jezero.cli.missions", "fence", "Set the places to stay in and out of."),
         "mission": Listed(

@@ -1,0 +1,167 @@
+"""The table of ROS topics: what each is made from, its type, its frames and its quality of service.
+
+The bridge, the export of rosbags and the reference page read it. Names of topics and frames are below the vehicle's:
+`/uav1/odometry`, `uav1/base_link`.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from jezero.schemas import topics
+from jezero.schemas.health import ServiceHealth
+from jezero.schemas.rows import Topic
+from jezero.services.ros2_bridge import conversions as make
+from jezero.services.ros2_bridge.conversions import Context
+from jezero.services.ros2_bridge.geometry import RosMessage
+
+Quality = Literal["sensor", "state", "latched"]
+"""`sensor`: best effort, for streams of which the next reading replaces a lost one. `state`: reliable. `latched`:
+reliable, and who subscribes later gets the last message. Source: REP 2003."""
+Convert = Callable[[Any, Context], RosMessage | None]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One ROS topic.
+
+    Attributes:
+        name: below the vehicle's namespace; absolute when it begins with "/".
+        type: of its messages.
+        source: the topic of jezero.
+        convert: makes a message.
+        quality: of service.
+        about: frames and content, for people.
+    """
+
+    name: str
+    type: str
+    source: Topic[Any]
+    convert: Convert
+    quality: Quality
+    about: str
+
+
+EVERY_HEALTH: Topic[ServiceHealth] = Topic("health/*", ServiceHealth, 1.0, "every service")
+TF = "tf2_msgs/msg/TFMessage"
+POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+
+ROWS: tuple[Row, ...] = (
+    Row(
+        "odometry",
+        "nav_msgs/msg/Odometry",
+        topics.ODOMETRY,
+        make.odometry,
+        "state",
+        "`odom` → `base_link`; the twist is in `base_link`",
+    ),
+    Row("/tf", TF, topics.ODOMETRY, make.vehicle_transforms, "state", "`map` → `odom` → `base_link`"),
+    Row("imu", "sensor_msgs/msg/Imu", topics.IMU, make.imu, "sensor", "in `imu`; without an orientation"),
+    Row("fix", "sensor_msgs/msg/NavSatFix", topics.GNSS, make.fix, "sensor", "the receiver's own position"),
+    Row("pressure", "sensor_msgs/msg/FluidPressure", topics.BARO, make.pressure, "sensor", "in Pa"),
+    Row("mag", "sensor_msgs/msg/MagneticField", topics.MAG, make.magnetic_field, "sensor", "in `imu`, in tesla"),
+    Row(
+        "altimeter",
+        "sensor_msgs/msg/Range",
+        topics.ALTIMETER,
+        make.altitude_range,
+        "sensor",
+        "along x of `altimeter`; inf for nothing met",
+    ),
+    Row(
+        "battery",
+        "sensor_msgs/msg/BatteryState",
+        topics.STATUS,
+        make.battery,
+        "state",
+        "percentage from 0 to 1, NaN for unknown",
+    ),
+    Row("wind", "geometry_msgs/msg/Vector3Stamped", topics.STATUS, make.wind, "state", "velocity of the air in `map`"),
+    Row(
+        "/diagnostics",
+        "diagnostic_msgs/msg/DiagnosticArray",
+        topics.STATUS,
+        make.status_diagnostics,
+        "state",
+        "status of the vehicle",
+    ),
+    Row(
+        "/diagnostics",
+        "diagnostic_msgs/msg/DiagnosticArray",
+        EVERY_HEALTH,
+        make.service_diagnostics,
+        "state",
+        "health of each service",
+    ),
+    Row(
+        "relative_pose",
+        POSE,
+        topics.RELATIVE,
+        make.relative_pose,
+        "state",
+        "`base_link` in `platform`, while it is valid",
+    ),
+    Row(
+        "rover/odometry",
+        "nav_msgs/msg/Odometry",
+        topics.ROVER_ODOMETRY,
+        make.rover_odometry,
+        "state",
+        "`rover_odom` → `rover`, by its wheels and compass",
+    ),
+    Row("rover/pose", POSE, topics.ROVER_ESTIMATE, make.rover_pose, "state", "`platform` in `map`, while it is valid"),
+    Row("/tf", TF, topics.ROVER_ESTIMATE, make.rover_transform, "state", "`map` → `platform`"),
+    Row(
+        "camera/image_raw",
+        "sensor_msgs/msg/Image",
+        topics.CAMERA,
+        make.image,
+        "sensor",
+        "in `camera_optical`; only while somebody subscribes",
+    ),
+    Row(
+        "camera/camera_info",
+        "sensor_msgs/msg/CameraInfo",
+        topics.CAMERA,
+        make.camera_info,
+        "sensor",
+        "one for each image",
+    ),
+    Row(
+        "camera/preview/compressed",
+        "sensor_msgs/msg/CompressedImage",
+        topics.CAMERA_PREVIEW,
+        make.compressed_preview,
+        "sensor",
+        "small pictures, twice a second",
+    ),
+    Row("/tf", TF, topics.CAMERA_PREVIEW, make.camera_transform, "state", "`base_link` → `camera_optical`"),
+    Row("path", "nav_msgs/msg/Path", topics.ODOMETRY, make.flown_path, "state", "where the vehicle has been, in `map`"),
+    Row(
+        "markers/uncertainty",
+        "visualization_msgs/msg/Marker",
+        topics.RELATIVE,
+        make.uncertainty,
+        "state",
+        "of the relative position, two standard deviations",
+    ),
+    Row(
+        "markers/fence",
+        "visualization_msgs/msg/MarkerArray",
+        topics.FENCE,
+        make.fence_markers,
+        "latched",
+        "green: stay inside; red: stay outside",
+    ),
+)
+"""Every topic that the bridge publishes, beside `/clock` and `/tf_static`."""
+
+
+def sources() -> Iterator[Topic[Any]]:
+    """The topics of jezero that rows are made from, each once; that of the intrinsics first."""
+    yield topics.CAMERA_INFO
+    seen: set[str] = set()
+    for row in ROWS:
+        if row.source.name not in seen:
+            seen.add(row.source.name)
+            yield row.source
