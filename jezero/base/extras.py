@@ -13,9 +13,10 @@ EXTRAS = {
     "scipy": "services", "pymavlink": "services", "fastcrc": "services", "filterpy": "services", "cv2": "services",
     "pupil_apriltags": "services", "serial": "services", "pynmeagps": "services",
     "pybullet": "sim", "moderngl": "sim",
+    "rosbags": "ros2",
 }  # fmt: skip
 """Extra of each optional package, by the name that is imported."""
-INCLUDED = {"cli", "foxglove", "gis", "report", "services"}
+INCLUDED = {"cli", "foxglove", "gis", "report", "ros2", "services"}
 """The extras that the extra `sim` includes; all others but `dev` and `docs` include `cli`."""
 
 

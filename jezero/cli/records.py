@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import click
 
+from jezero.base.extras import require
 from jezero.base.router_address import is_loopback, shown_router
 from jezero.cli import completion
 from jezero.cli.options import FINITE, RECORDING_PATH, common_options
@@ -228,25 +229,65 @@ def settings(file: Path, as_json: bool) -> None:
 
 @recording.command()
 @click.argument("file", type=RECORDING_PATH)
-@click.option("--csv", "folder", type=click.Path(path_type=Path, file_okay=False), required=True,
+@click.option("--csv", "folder", type=click.Path(path_type=Path, file_okay=False),
               help="Folder for the tables, one file for each topic.")  # fmt: skip
+@click.option("--rosbag2", "bag", type=click.Path(path_type=Path, file_okay=False), help="The rosbag2, a new folder.")
 @click.option(
     "--topic",
     "topics",
     multiple=True,
     shell_complete=completion.topics,
-    help="Only this topic; may be given several times.",
+    help="Only this topic as a table; may be given several times.",
 )
-def export(file: Path, folder: Path, topics: tuple[str, ...]) -> None:
-    """Write the messages of FILE as tables (CSV), one for each topic.
+@click.option("--storage", type=click.Choice(["sqlite3", "mcap"]), default="sqlite3", show_default=True,
+              help="Storage of the rosbag2.")  # fmt: skip
+@click.option("--humble", is_flag=True, help="A rosbag2 for ROS 2 Humble; else for Jazzy and later.")
+@click.option("--no-images", is_flag=True, help="A rosbag2 without the camera's images.")
+@click.option("--vehicle", envvar="JEZERO_VEHICLE", default="uav1", show_default=True,
+              help="Vehicle's name, in the names of the rosbag2's topics.")  # fmt: skip
+def export(
+    file: Path,
+    folder: Path | None,
+    bag: Path | None,
+    topics: tuple[str, ...],
+    storage: str,
+    humble: bool,
+    no_images: bool,
+    vehicle: str,
+) -> None:
+    """Write the messages of FILE as tables (CSV), one for each topic, or as a rosbag2.
 
-    A column is one number: `pos_uav_ned_m.n` is the position's component to the north, in m.
+    A column of a table is one number: `pos_uav_ned_m.n` is the position's component to the north, in m. A rosbag2 has
+    the topics that `jezero ros2 bridge` publishes.
     """
     from jezero.recording import open_recording
     from jezero.recording.export import write_csv
 
-    for path, rows in write_csv(open_recording(file), folder, topics):
-        click.echo(f"wrote {path}: {rows} rows")
+    if (folder is None) is (bag is None):
+        raise click.UsageError("give --csv FOLDER for tables, or --rosbag2 FOLDER for a rosbag2")
+    if bag is None:
+        assert folder is not None
+        for path, rows in write_csv(open_recording(file), folder, topics):
+            click.echo(f"wrote {path}: {rows} rows")
+        return
+    require("a rosbag2", "rosbags")
+    from jezero.base.config import load_config
+    from jezero.base.vehicle_config import VehicleConfig
+    from jezero.services.ros2_bridge.bag import write_bag
+    from jezero.services.ros2_bridge.rows import ros_name
+
+    counts = write_bag(
+        open_recording(file),
+        bag,
+        load_config(VehicleConfig, "vehicle"),
+        vehicle=ros_name(vehicle),
+        version=8 if humble else 9,
+        mcap=storage == "mcap",
+        images=not no_images,
+    )
+    for name, count in counts.items():
+        click.echo(f"{name:<34} {count:>7}")
+    click.echo(f"wrote {bag}: {sum(counts.values())} messages, among them /clock; play it with `ros2 bag play {bag}`")
 
 
 @recording.command()

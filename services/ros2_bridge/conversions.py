@@ -45,6 +45,7 @@ from jezero.services.ros2_bridge.geometry import (
     pose,
     q_enu_from_heading,
     q_flu_from_camera,
+    quaternion,
     time,
     transform,
     transforms,
@@ -66,7 +67,7 @@ DISCHARGING, LIPO = 2, 3
 """POWER_SUPPLY_STATUS_DISCHARGING and POWER_SUPPLY_TECHNOLOGY_LIPO of sensor_msgs/BatteryState."""
 LEVELS = {"ok": b"\x00", "degraded": b"\x01", "starting": b"\x03"}
 """Level of a DiagnosticStatus: OK, WARN, STALE."""
-LINE_STRIP, SPHERE, ADD, DELETE = 4, 2, 0, 2
+LINE_STRIP, SPHERE, ADD, DELETE_ALL = 4, 2, 0, 3
 """Kinds and actions of visualization_msgs/Marker."""
 SIGMAS = 2.0
 """Half axes of the ellipsoid of the relative position's uncertainty, in standard deviations."""
@@ -149,6 +150,7 @@ def vehicle_transforms(m: Odometry, context: Context) -> RosMessage:
 def imu(m: Imu, context: Context) -> RosMessage:
     fields = {
         "header": header(m.t_ns, context.frame("imu")),
+        "orientation": quaternion(UPRIGHT),
         "orientation_covariance": [-1.0] + [0.0] * 8,
         "angular_velocity": vector(flu_from_frd(m.gyro_imu_frd_rps)),
         "linear_acceleration": vector(flu_from_frd(m.acc_imu_frd_mps2)),
@@ -395,7 +397,12 @@ def uncertainty(m: Relative, context: Context) -> RosMessage | None:
 def fence_markers(m: FenceState, context: Context) -> RosMessage:
     """A line around each zone, at the ground and at the ceiling; without a fence the old ones are deleted."""
     at = header(m.t_ns, context.frame("map"))
-    markers = [RosMessage("visualization_msgs/msg/Marker", {"header": at, "ns": "fence", "action": 3})]  # DELETEALL
+    nowhere = pose((0.0, 0.0, 0.0), UPRIGHT)
+    markers = [
+        RosMessage(
+            "visualization_msgs/msg/Marker", {"header": at, "ns": "fence", "action": DELETE_ALL, "pose": nowhere}
+        )
+    ]
     fence = m.fence
     if fence is not None:
         heights_m = (0.0,) if fence.ceiling_m is None else (0.0, fence.ceiling_m)

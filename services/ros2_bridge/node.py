@@ -4,7 +4,6 @@ Each topic of jezero has a thread of its own, which waits for messages, converts
 in ROS that is slow or stuck delays nobody. Images are large, and fetched only while somebody subscribes to them.
 """
 
-import re
 import threading
 import time
 from collections.abc import Callable
@@ -30,9 +29,8 @@ from jezero.schemas.units import NS_PER_S
 from jezero.services.ros2_bridge import conversions
 from jezero.services.ros2_bridge.conversions import Context
 from jezero.services.ros2_bridge.geometry import RosMessage
-from jezero.services.ros2_bridge.rows import ROWS, TF, Quality, Row, sources
+from jezero.services.ros2_bridge.rows import DEPTH, ROWS, TF, Quality, Row, ros_name, sources
 
-DEPTH: dict[Quality, int] = {"sensor": 5, "state": 10, "latched": 1}
 CLOCK_HZ = 100.0
 CLOCK_AHEAD_MAX_NS = NS_PER_S // 5
 """Vehicle time is not guessed for longer than this after the last clock: then its master stands still."""
@@ -229,9 +227,3 @@ def run_bridge(uav: Vehicle, vehicle: str, config: VehicleConfig, *, uses_clock:
         pass
     finally:
         rclpy.try_shutdown()
-
-
-def ros_name(vehicle: str) -> str:
-    """A vehicle's name as a namespace, which has letters, digits and underscores only and begins with no digit."""
-    name = re.sub(r"\W", "_", vehicle, flags=re.ASCII)
-    return f"_{name}" if name[0].isdigit() else name

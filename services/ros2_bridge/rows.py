@@ -4,6 +4,7 @@ The bridge, the export of rosbags and the reference page read it. Names of topic
 `/uav1/odometry`, `uav1/base_link`.
 """
 
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -18,6 +19,8 @@ from jezero.services.ros2_bridge.geometry import RosMessage
 Quality = Literal["sensor", "state", "latched"]
 """`sensor`: best effort, for streams of which the next reading replaces a lost one. `state`: reliable. `latched`:
 reliable, and who subscribes later gets the last message. Source: REP 2003."""
+DEPTH: dict[Quality, int] = {"sensor": 5, "state": 10, "latched": 1}
+"""Messages that wait for a subscriber."""
 Convert = Callable[[Any, Context], RosMessage | None]
 
 
@@ -165,3 +168,9 @@ def sources() -> Iterator[Topic[Any]]:
         if row.source.name not in seen:
             seen.add(row.source.name)
             yield row.source
+
+
+def ros_name(vehicle: str) -> str:
+    """A vehicle's name as a namespace, which has letters, digits and underscores only and begins with no digit."""
+    name = re.sub(r"\W", "_", vehicle, flags=re.ASCII)
+    return f"_{name}" if name[0].isdigit() else name
