@@ -80,7 +80,7 @@ speed: setup
 	$(BIN)/python -m benchmarks.speed
 
 reference: setup
-	for page in topics actions settings commands python; do $(BIN)/jezero info page $$page --own > docs/reference/$$page.md || exit 1; done
+	for page in topics actions settings commands python ros2; do $(BIN)/jezero info page $$page --own > docs/reference/$$page.md || exit 1; done
 
 images: setup
 	$(BIN)/python -m benchmarks.docs_images

@@ -16,7 +16,7 @@ from jezero.cli.reference.words import cell
 from jezero.schemas.topics import ACTIONS
 
 PAGES_OF_ACTIONS = ("topics", "actions")
-PAGES = (*PAGES_OF_ACTIONS, "settings", "commands", "python")
+PAGES = (*PAGES_OF_ACTIONS, "settings", "commands", "python", "ros2")
 """Names of the pages: each is a module of `jezero.cli.reference` with a function `page`."""
 TABLE_WIDTH_MIN, COLUMN_WIDTH_MAX = 120, 40
 JSON = click.option("--json", "as_json", is_flag=True, help="One JSON object per line.")

@@ -2,6 +2,7 @@
 
 from math import inf
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
@@ -34,11 +35,12 @@ def test_a_bag_has_the_messages_of_the_recording(path: Path, tmp_path: Path, ver
     bag = tmp_path / "bag"
     counts = write_bag(open_recording(path), bag, VEHICLE, vehicle="uav1", version=version)
     assert counts["/uav1/altimeter"] == 30 and counts["/uav1/odometry"] == 3 and counts["/clock"] == 3
-    ranges_m, odometry = [], []
+    ranges_m: list[float] = []
+    odometry: list[Any] = []
     with AnyReader([bag], default_typestore=get_typestore(store)) as reader:
         assert {c.topic: c.msgcount for c in reader.connections} == counts
         for connection, t_ns, data in reader.messages():
-            message = reader.deserialize(data, connection.msgtype)
+            message: Any = reader.deserialize(data, connection.msgtype)
             if connection.topic == "/uav1/altimeter":
                 assert t_ns == message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
                 ranges_m.append(message.range)

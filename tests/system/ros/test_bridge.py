@@ -1,0 +1,182 @@
+"""The bridge beside a real rclpy: what arrives in ROS is what the vehicle has published."""
+
+import json
+import subprocess
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from math import isclose, isnan
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zenoh
+
+from jezero.base.codec import decode
+from jezero.base.vehicle_config import VehicleConfig
+from jezero.base.zenoh_client import client_config, data_of
+from jezero.schemas.sensors import CameraInfo
+from jezero.schemas.state import StatusCode
+from jezero.schemas.topics import CAMERA_INFO, key
+from jezero.services.ros2_bridge.conversions import Context
+from jezero.services.ros2_bridge.geometry import RosMessage
+from jezero.services.ros2_bridge.rows import ROWS, TF, Row, ros_name
+from tests.system.conftest import Stack
+from tests.system.ros.conftest import Ros
+
+pytestmark = [pytest.mark.long, pytest.mark.xdist_group("ros"), pytest.mark.timeout(600)]
+LISTENER = Path(__file__).with_name("listener.py")
+START_TIMEOUT_S = 120.0
+LISTEN_S = 12.0
+COMPARED_MIN = 3
+HAS_STATE = {"relative_pose", "path", "markers/uncertainty", "/diagnostics"}
+"""Topics that depend on more than their message; their conversions have tests of their own."""
+IMAGE_BYTES = 100
+"""The listener shows so many bytes of an image."""
+
+
+@contextmanager
+def running_bridge(stack: Stack, ros: Ros, *words: str) -> Iterator["subprocess.Popen[str]"]:
+    command = [ros.python, "-m", "jezero.cli.main", "ros2", "bridge", *words]
+    with subprocess.Popen(command, env=ros.environment(stack.environment), stderr=subprocess.PIPE, text=True) as bridge:
+        try:
+            assert bridge.stderr is not None
+            assert any(" is in /" in line for line in iter(bridge.stderr.readline, "")), "the bridge has ended"
+            yield bridge
+        finally:
+            bridge.terminate()
+            bridge.communicate(timeout=30)
+
+
+def listen(stack: Stack, ros: Ros, reliability: str, topics: Mapping[str, str]) -> "subprocess.Popen[str]":
+    """Start to listen to topics; `topics` has the type of each."""
+    words = [f"{kind}={topic}" for topic, kind in topics.items()]
+    listener = subprocess.Popen(
+        [ros.python, str(LISTENER), str(LISTEN_S), reliability, *words],
+        env=ros.environment(stack.environment),
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert listener.stdout is not None
+    assert json.loads(listener.stdout.readline())["message"] == "listens"
+    return listener
+
+
+def heard(listener: "subprocess.Popen[str]") -> dict[str, list[dict[str, Any]]]:
+    """Messages by topic, once the listener has ended."""
+    output, _ = listener.communicate(timeout=LISTEN_S + START_TIMEOUT_S)
+    found: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    for line in output.splitlines():
+        entry = json.loads(line)
+        found[entry["topic"]].append(entry["message"])
+    return found
+
+
+def full_name(row: Row, namespace: str) -> str:
+    return row.name if row.name.startswith("/") else f"/{namespace}/{row.name}"
+
+
+def stamp_of(message: dict[str, Any]) -> tuple[int, int]:
+    stamp = message["header"]["stamp"]
+    return stamp["sec"], stamp["nanosec"]
+
+
+def assert_same(made: Any, seen: Any, where: str) -> None:
+    """Compare each field of a message that was made here with what arrived; floats have 32 bits in some types."""
+    if isinstance(made, RosMessage):
+        for name, value in made.fields.items():
+            assert_same(value, seen[name], f"{where}.{name}")
+    elif isinstance(made, float):
+        same = isclose(made, seen, rel_tol=1e-6, abs_tol=1e-9) or (isnan(made) and isnan(seen))
+        assert same, f"{where}: {seen} in ROS, {made} in jezero"
+    elif isinstance(made, str | int | bool):
+        assert made == seen, where
+    elif isinstance(made, bytes):
+        assert made[0] == seen, where
+    else:
+        for i, (a, b) in enumerate(zip(made[:IMAGE_BYTES], seen, strict=True)):
+            assert_same(a, b, f"{where}[{i}]")
+
+
+class Published:
+    """What the vehicle publishes, by source and time."""
+
+    def __init__(self, session: zenoh.Session, vehicle: str) -> None:
+        self.by_time: dict[str, dict[int, Any]] = defaultdict(dict)
+        self.info: CameraInfo | None = None
+        for row in {row.source.name: row for row in ROWS if row.source.name != "health/*"}.values():
+            self._keep(session, vehicle, row)
+        session.declare_subscriber(key(vehicle, CAMERA_INFO.name), self._on_info)
+
+    def _keep(self, session: zenoh.Session, vehicle: str, row: Row) -> None:
+        def on_sample(sample: zenoh.Sample) -> None:
+            message = decode(row.source.type, data_of(sample))
+            self.by_time[row.source.name][message.t_ns] = message
+
+        session.declare_subscriber(key(vehicle, row.source.name), on_sample)
+
+    def _on_info(self, sample: zenoh.Sample) -> None:
+        self.info = decode(CameraInfo, data_of(sample))
+
+
+def test_every_topic_has_in_ros_the_values_that_the_vehicle_published(shared_stack: Stack, ros: Ros) -> None:
+    stack = shared_stack
+    vehicle = stack.instance.vehicle
+    with (
+        zenoh.open(client_config(stack.instance.router)) as session,
+        stack.connect() as uav,
+        running_bridge(stack, ros),
+    ):
+        published = Published(session, vehicle)
+        uav.wait_ready(START_TIMEOUT_S)
+        uav.takeoff(altitude_m=3.0).result(START_TIMEOUT_S)
+        rows = [row for row in ROWS if row.type != TF]
+        topics = {full_name(row, vehicle): row.type for row in rows}
+        listener = listen(stack, ros, "BEST_EFFORT", {**topics, "/clock": "rosgraph_msgs/msg/Clock"})
+        uav.go_to(3.0, 2.0, -3.0).result(START_TIMEOUT_S)
+        seen = heard(listener)
+        uav.land_on_spot((3.0, 2.0, 0.0), use_uwb=False, use_tag=False).result(START_TIMEOUT_S)
+    context = Context(ros_name(vehicle), VehicleConfig())
+    assert published.info is not None
+    context.notice(published.info)
+    for row in rows:
+        messages = seen[full_name(row, vehicle)]
+        assert messages, f"nothing arrived on {row.name}"
+        if row.name in HAS_STATE or row.name == "markers/fence":
+            continue
+        compared = 0
+        by_time = published.by_time[row.source.name]
+        for message in messages:
+            sec, nanosec = stamp_of(message)
+            source = by_time.get(sec * 1_000_000_000 + nanosec)
+            if source is None:
+                continue
+            made = row.convert(source, context)
+            assert made is not None
+            assert_same(made, message, row.name)
+            compared += 1
+        assert compared >= COMPARED_MIN, f"{row.name}: {compared} of {len(messages)} compared"
+    clocks = [c["clock"]["sec"] * 1_000_000_000 + c["clock"]["nanosec"] for c in seen["/clock"]]
+    assert clocks == sorted(clocks)
+    assert len(clocks) > 20 * LISTEN_S, "nearly a hundred in a second on a quiet machine"
+
+
+def test_a_bridge_that_is_killed_in_flight_is_nothing_to_the_vehicle_and_a_new_one_goes_on(
+    shared_stack: Stack, ros: Ros
+) -> None:
+    stack = shared_stack
+    vehicle = stack.instance.vehicle
+    odometry = {f"/{vehicle}/odometry": "nav_msgs/msg/Odometry"}
+    with stack.connect() as uav:
+        uav.wait_ready(START_TIMEOUT_S)
+        uav.takeoff(altitude_m=2.0).result(START_TIMEOUT_S)
+        with running_bridge(stack, ros) as bridge:
+            goal = uav.go_to(4.0, -3.0, -2.0, speed_mps=0.5)
+            bridge.kill()
+            bridge.wait(timeout=30)
+        with running_bridge(stack, ros):
+            listener = listen(stack, ros, "RELIABLE", odometry)
+            goal.result(START_TIMEOUT_S)
+            assert len(heard(listener)[f"/{vehicle}/odometry"]) > 10, "a reliable subscriber is served too"
+        assert uav.status().code in (StatusCode.GO_TO_DONE, StatusCode.HOVER)
+        uav.land_on_spot((4.0, -3.0, 0.0), use_uwb=False, use_tag=False).result(START_TIMEOUT_S)
