@@ -17,6 +17,8 @@
 
 # Arrays are small here: threads of the linear algebra library only wait for each other.
 export OPENBLAS_NUM_THREADS := 1
+# Tests and stacks start hundreds of processes: with bytecode on disk they don't compile the same modules again and again.
+unexport PYTHONDONTWRITEBYTECODE
 
 PYTHON ?= python3.11
 VENV := .venv
