@@ -18,8 +18,8 @@ vectors = st.tuples(numbers, numbers, numbers)
 NORTH: Vec3 = (1.0, 0.0, 0.0)
 
 
-def near(vector: Vec3) -> object:
-    return pytest.approx(vector, abs=1e-6)
+def near(value: Vec3 | float) -> object:
+    return pytest.approx(value, abs=1e-6)
 
 
 @pytest.mark.parametrize(("enu", "ned"), [((1.0, 2.0, 3.0), (2.0, 1.0, -3.0)), ((0.0, 1.0, 0.0), NORTH)])

@@ -391,7 +391,8 @@ def test_a_vehicle_that_the_wind_tilts_touches_with_its_lowest_foot() -> None:
 
 def test_the_rest_of_a_landing_that_uwb_does_not_reach_has_the_time_of_a_search() -> None:
     near, far = (Landing(TAG, (3.0 + away_m, -4.0, -6.0), sees=lambda t_s, offset_m: False) for away_m in (5.0, 40.0))
-    rests = [landing.behaviour.remaining(landing.state()) for landing in (near, far)]
+    assert isinstance(near.behaviour, RoverLanding) and isinstance(far.behaviour, RoverLanding)
+    rests = near.behaviour.remaining(near.state()), far.behaviour.remaining(far.state())
     assert rests[0] is not None and rests[1] is not None
     plain = [rover_landing_remaining((away_m, 0.0, -6.0), CONFIG.land_on_spot.rover) for away_m in (5.0, 40.0)]
     assert rests[0].time_s == pytest.approx(plain[0].time_s)
