@@ -74,6 +74,11 @@ def test_the_noise_of_a_few_readings_and_of_a_sensor_without_a_known_noise_is_no
         assert check_noise(readings({topic.name: loud}, parameters=unknown)).verdict == "passed"
 
 
+def test_without_readings_the_noise_is_not_called_normal() -> None:
+    outcome = check_noise(readings({topic.name: () for topic in (IMU, ALTIMETER, UWB)}))
+    assert (outcome.verdict, outcome.text) == ("warning", "too few readings to measure it")
+
+
 def test_a_barometer_that_repeats_one_reading_fails() -> None:
     check = check_noise(readings({BARO.name: baro(std_pa=0.0)}))
     assert check.verdict == "failed" and "the barometer repeats one reading" in check.text

@@ -124,3 +124,9 @@ def test_a_plan_whose_client_has_gone_is_not_worked_out_any_more(endless: World)
     assert not plan.ended
     endless.bus.client_departs("me")
     assert endless.bus.run_for(0.5, lambda: plan.ended)
+
+
+def test_no_work_is_begun_for_a_goal_that_the_bridge_would_refuse(endless: World) -> None:
+    endless.bridge.refuse = "a person flies"
+    rejected = endless.first(endless.send(), within_s=1.0)
+    assert isinstance(rejected, Rejected) and rejected.reason == "a person flies"
