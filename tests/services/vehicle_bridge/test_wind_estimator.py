@@ -110,3 +110,23 @@ def test_the_mean_begins_with_the_first_samples_and_follows_a_wind_that_rises_la
     assert estimator.wind.mean_ned_mps == pytest.approx((0.632 * north_mps, 0.632 * east_mps, 0.0), abs=0.01)
     # 0.632 of the weight is on 3 m/s and the rest on 0; a component has half of the variance.
     assert estimator.wind.std_gust_mps == pytest.approx(3.0 * sqrt(0.5 * 0.632 * 0.368), abs=0.01)
+
+
+def test_the_wind_is_found_while_it_carries_a_level_vehicle_along() -> None:
+    estimator, vel_mps = WindEstimator(AIRFRAME), 0.0
+    flying = VehicleSnapshot(t_ns=0, timer_ns=0, armed=True, landed=False, height_m=3.0)
+    for step in range(120):
+        odometry = Odometry(
+            t_ns=1 + step * 20_000_000,
+            epoch_id=1,
+            pos_uav_ned_m=(0.0, 0.0, -3.0),
+            vel_uav_ned_mps=(vel_mps, 0.0, 0.0),
+            q_ned_from_frd=pitched(0.0),
+            rates_uav_frd_rps=STILL,
+        )
+        estimator.update(odometry, flying)
+        air_mps = 4.0 - vel_mps
+        vel_mps += 0.02 * (0.45 + 0.036 * air_mps) * air_mps / 1.5
+    assert estimator.wind is not None
+    assert estimator.wind.mean_ned_mps == pytest.approx((4.0, 0.0, 0.0), abs=0.05)
+    assert estimator.wind.std_gust_mps < 0.03
