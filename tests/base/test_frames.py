@@ -170,6 +170,7 @@ def test_vectors_are_those_of_numpy(a: Vec3, b: Vec3, factor: float) -> None:
     one, other = np.array(a), np.array(b)
     assert frames.add(a, b) == near(tuple(one + other)) and frames.subtract(a, b) == near(tuple(one - other))
     assert frames.scale(a, factor) == near(tuple(factor * one)) and frames.dot(a, b) == near(float(one @ other))
+    assert frames.cross(a, b) == near(tuple(np.cross(one, other)))
     assert frames.norm(a) == near(float(np.linalg.norm(one)))
     assert frames.distance(a, b) == near(float(np.linalg.norm(one - other)))
     assert frames.horizontal(a) == near(float(np.linalg.norm(one[:2])))
