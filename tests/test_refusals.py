@@ -2,7 +2,7 @@
 
 import ast
 import re
-from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -16,10 +16,13 @@ CLASSES = {
 }
 
 
-def modules() -> Iterator[tuple[str, ast.Module]]:
-    for folder in ("jezero", "services", "schemas", "deploy"):
-        for path in sorted((ROOT / folder).rglob("*.py")):
-            yield str(path.relative_to(ROOT)), ast.parse(path.read_text())
+@cache
+def modules() -> list[tuple[str, ast.Module]]:
+    return [
+        (str(path.relative_to(ROOT)), ast.parse(path.read_text()))
+        for folder in ("jezero", "services", "schemas", "deploy")
+        for path in sorted((ROOT / folder).rglob("*.py"))
+    ]
 
 
 def form_problem(function: ast.FunctionDef | ast.AsyncFunctionDef) -> str:

@@ -64,6 +64,7 @@ def test_child():
     program = "import signal; print(signal.getsignal(signal.SIGINT) == signal.default_int_handler)"
     assert subprocess.check_output([sys.executable, "-c", program]) == b"True\\n"
 """
+pytestmark = pytest.mark.long
 PARALLEL = ("-n", "2", "--dist", "loadgroup")
 
 

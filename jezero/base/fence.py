@@ -18,6 +18,8 @@ from jezero.schemas.fence import Fence, Zone
 Point = tuple[float, float]
 HOLD_OFF_M = 0.5
 """Least distance from the fence that goals keep inside."""
+ROUNDING_M = 1e-6
+"""Places exactly at a limit are within it, whatever the rounding."""
 STEP_M = 0.1
 """A way is checked at points this far apart: it may cut a corner by a twentieth of a metre less than `HOLD_OFF_M`."""
 STEPS_MAX = 20_000
@@ -217,11 +219,11 @@ def place_refusal(fence: Fence, pos_ned_m: Vec3, *, low_allowed: bool) -> str:
         return reason
     at, up_m = nearest(fence, pos_ned_m), altitude_m(pos_ned_m[2])
     place = f"at north {pos_ned_m[0]:.1f} m, east {pos_ned_m[1]:.1f} m"
-    if at is not None and at.inside_m < HOLD_OFF_M - 1e-6:
+    if at is not None and at.inside_m < HOLD_OFF_M - ROUNDING_M:
         return f"it comes within {HOLD_OFF_M:g} m of the edge of {at.in_words}, {place}"
-    if fence.ceiling_m is not None and up_m > fence.ceiling_m - HOLD_OFF_M + 1e-6:
+    if fence.ceiling_m is not None and up_m > fence.ceiling_m - HOLD_OFF_M + ROUNDING_M:
         return f"{up_m:.1f} m up is within {HOLD_OFF_M:g} m of the ceiling of {fence.ceiling_m:g} m, {place}"
-    if not low_allowed and up_m < fence.floor_over_ground_m - 1e-6:
+    if not low_allowed and up_m < fence.floor_over_ground_m - ROUNDING_M:
         return f"{up_m:.1f} m up is below the floor of {fence.floor_over_ground_m:g} m, {place}"
     return ""
 

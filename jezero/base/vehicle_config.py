@@ -264,6 +264,10 @@ class UwbLayoutConfig(Config, frozen=True, kw_only=True):
             raise ValueError("two anchors have one id in id_anchors")
 
 
+PLATFORM_THICKNESS_M = 0.06
+"""Thickness of the platform's slab in the simulated world, and in pictures of it."""
+
+
 class PlatformConfig(Config, frozen=True, kw_only=True):
     """The rover's landing platform, level and square, with the AprilTags on it.
 

@@ -25,7 +25,7 @@ from typing import Any, TypedDict
 import msgspec
 
 from jezero.base.frames import Quat, Vec3, geodetic_from_ned, q_frd_from_camera, quat_from_euler, subtract
-from jezero.base.vehicle_config import AirframeConfig, PlatformConfig, VehicleConfig
+from jezero.base.vehicle_config import PLATFORM_THICKNESS_M, AirframeConfig, PlatformConfig, VehicleConfig
 from jezero.recording import foxglove as fg
 from jezero.recording.images import CAMERA_FRAME, HEADERS
 from jezero.recording.thinned_path import ThinnedPath
@@ -59,7 +59,6 @@ MAP, WORLD, FRD, ROVER, FRD_TRUE, ROVER_TRUE = "map", "world", "frd", "rover_bod
 Q_ENU_FROM_NED: Quat = (0.0, sqrt(0.5), sqrt(0.5), 0.0)
 ORIGIN: Vec3 = (0.0, 0.0, 0.0)
 
-PLATFORM_THICKNESS_M = 0.04
 TAG_THICKNESS_M = 0.004
 BLUE, ORANGE, GREEN = fg.Color(0.2, 0.5, 1.0), fg.Color(1.0, 0.55, 0.1), fg.Color(0.3, 0.75, 0.3)
 WHITE, BLACK, GHOST = fg.Color(1.0, 1.0, 1.0), fg.Color(0.05, 0.05, 0.05), fg.Color(0.6, 0.6, 0.6, 0.35)

@@ -76,19 +76,22 @@ def _page(
     for spine in axes.spines.values():
         spine.set(linewidth=0.3, color="#999999")
     for tag in platform.board:
-        _draw_tag(axes, tag)
+        _draw_tag(axes, tag, part_mm)
     _draw_ruler(figure.add_axes((MARGIN_MM / width_mm, 0.0, RULER_MM / width_mm, 0.6 * MARGIN_MM / height_mm)))
     about = f"jezero tag board, {label}"
     figure.text(MARGIN_MM / width_mm, 1.0 - 0.7 * MARGIN_MM / height_mm, about, fontsize=7, color="#555555")
     return figure
 
 
-def _draw_tag(axes: "Axes", tag: BoardTag) -> None:
-    """Draw a tag with its white margin over what is there."""
+def _draw_tag(axes: "Axes", tag: BoardTag, part_mm: tuple[float, float, float, float]) -> None:
+    """Draw a tag with its white margin over what is there; one that lies outside the page's part is left out."""
     cell_mm = 1e3 * tag.side_m / CELLS
     forward_mm, right_mm = 1e3 * tag.pos_rover_body_m[0], 1e3 * tag.pos_rover_body_m[1]
     half_mm = 0.5 * cell_mm * (CELLS + 2)
     left_mm, top_mm = right_mm - half_mm, forward_mm + half_mm
+    left, right, back, front = part_mm
+    if left_mm >= right or right_mm + half_mm <= left or top_mm <= back or forward_mm - half_mm >= front:
+        return
     _fill(axes, left_mm, top_mm, 2 * half_mm, 2 * half_mm, "white")
     for row, cells in enumerate(_cells(tag.tag_id), 1):
         start = 0

@@ -1,4 +1,4 @@
-"""Times at which a sensor samples and at which its readings arrive."""
+"""Steps of the simulation, and the times at which a sensor samples and at which its readings arrive."""
 
 from collections import deque
 from typing import Generic, TypeVar
@@ -6,6 +6,10 @@ from typing import Generic, TypeVar
 from jezero.schemas.units import NS_PER_S
 
 T = TypeVar("T")
+
+STEPS_PER_S = 250
+DT_S = 1.0 / STEPS_PER_S
+"""Steps of the simulation per second of vehicle time, and their length."""
 
 
 class Schedule(Generic[T]):

@@ -19,13 +19,11 @@ from jezero.services.simulator.hil import HilPort
 from jezero.services.simulator.noise import generator, normals_of
 from jezero.services.simulator.rover import Drive, RoverModel
 from jezero.services.simulator.rover_port import ROVER, RoverPort
-from jezero.services.simulator.schedule import Schedule
+from jezero.services.simulator.schedule import DT_S, STEPS_PER_S, Schedule
 from jezero.services.simulator.terrain import ground_reply, make_terrain
 from jezero.services.simulator.uav import Uav
 from jezero.services.simulator.wind import WindModel
 
-STEPS_PER_S = 250
-DT_S = 1.0 / STEPS_PER_S
 HIL = "hil"
 DOWN_FRD: Vec3 = (0.0, 0.0, 1.0)
 BEHIND_NS = 20_000_000

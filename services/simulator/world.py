@@ -19,20 +19,18 @@ from jezero.base.frames import (
     quat_rotate,
     scale,
 )
-from jezero.base.vehicle_config import AirframeConfig, PlatformConfig, VehicleConfig
+from jezero.base.vehicle_config import PLATFORM_THICKNESS_M, AirframeConfig, PlatformConfig, VehicleConfig
 from jezero.services.simulator.body import BodyState, RoverState
 from jezero.services.simulator.config import SimulatorConfig, UavConfig
 from jezero.services.simulator.quiet_pybullet import pybullet
+from jezero.services.simulator.schedule import DT_S, STEPS_PER_S
 from jezero.services.simulator.terrain import HALF_SIDE_M, POINTS, SPACING_M, Terrain
 
-STEPS_PER_S = 250
-DT_S = 1.0 / STEPS_PER_S
 RADIUS_FOOT_M = 0.06
 SETTLE_STEPS = 500
 HULL_HALF_M = (0.17, 0.13, 0.03)
 ROTOR_PLANE_HALF_M = (0.27, 0.33, 0.01)
 HEIGHT_ROTOR_PLANE_M = 0.03
-PLATFORM_THICKNESS_M = 0.06
 APRON_HALF_WIDTH_M = 2000.0
 FLOOR_HALF_M = 5.0
 

@@ -8,6 +8,7 @@ Below the state machine: refusals of setpoints, and the targets of setpoints, ho
 """
 
 from collections.abc import Collection
+from itertools import chain
 from math import isfinite
 
 import msgspec
@@ -499,12 +500,9 @@ def setpoint_refusal(
 
 
 def _is_finite(setpoint: Setpoint) -> bool:
-    zero = (0.0, 0.0, 0.0)
-    x, y, z = setpoint.pos_ned_m or zero
-    vx, vy, vz = setpoint.vel_ned_mps or zero
-    ax, ay, az = setpoint.acc_ned_mps2 or zero
-    turn = (setpoint.yaw_rad or 0.0) + (setpoint.yaw_rate_rps or 0.0)
-    return isfinite(x + y + z + vx + vy + vz + ax + ay + az + turn)
+    vectors = (setpoint.pos_ned_m, setpoint.vel_ned_mps, setpoint.acc_ned_mps2)
+    numbers = chain(*(vector for vector in vectors if vector), (setpoint.yaw_rad or 0.0, setpoint.yaw_rate_rps or 0.0))
+    return all(map(isfinite, numbers))
 
 
 # -- targets ---------------------------------------------------------------------------------------------

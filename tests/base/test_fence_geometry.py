@@ -1,10 +1,22 @@
 """Distances to a fence, and ways that leave it."""
 
-from math import isclose
+from itertools import pairwise
+from math import cos, dist, isclose, pi, sin
+from random import Random
 
 import pytest
+import shapely
 
-from jezero.base.fence import nearest, outside_reason, placed, point_inside, way_refusal
+from jezero.base.fence import (
+    HOLD_OFF_M,
+    edges,
+    nearest,
+    outside_reason,
+    place_refusal,
+    placed,
+    point_inside,
+    way_refusal,
+)
 from jezero.base.frames import Vec3
 from jezero.schemas.fence import Fence, Zone
 
@@ -93,3 +105,91 @@ def test_zones_in_degrees_are_placed_around_the_origin() -> None:
 )
 def test_the_way_back_ends_a_metre_inside(outside: Vec3, expected: Vec3) -> None:
     assert point_inside(FENCE, outside, 1.0) == pytest.approx(expected, abs=0.01)
+
+
+def star(rng: Random, name: str, middle_m: tuple[float, float], radius_m: float) -> Zone:
+    """A polygon with corners in all directions around its middle, in either order, that may have notches."""
+    bearings = sorted(rng.uniform(0.0, 2.0 * pi) for _ in range(rng.randrange(5, 12)))
+    radii_m = [radius_m * rng.uniform(0.3, 1.0) for _ in bearings]
+    corners_m = [
+        (middle_m[0] + r * cos(angle), middle_m[1] + r * sin(angle)) for r, angle in zip(radii_m, bearings, strict=True)
+    ]
+    return Zone(name=name, corners_ned_m=tuple(corners_m[:: rng.choice((1, -1))]))
+
+
+def random_fence(rng: Random) -> Fence:
+    out = tuple(star(rng, f"out {i}", (rng.uniform(-9.0, 9.0), rng.uniform(-9.0, 9.0)), 4.0) for i in range(2))
+    return Fence(keep_in=star(rng, "in", (0.0, 0.0), 20.0), keep_out=out, ceiling_m=20.0, floor_over_ground_m=1.0)
+
+
+def inside_m(zone: Zone, point: shapely.Point, keep_in: bool) -> float:
+    """Distance to the zone's outline, negative where the zone is violated."""
+    shape = shapely.Polygon(zone.corners_ned_m)
+    return float(shape.exterior.distance(point)) * (1.0 if shape.contains(point) is keep_in else -1.0)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_distances_to_any_zone_are_those_of_shapely(seed: int) -> None:
+    rng = Random(seed)
+    fence = random_fence(rng)
+    for _ in range(40):
+        point_m = (rng.uniform(-22.0, 22.0), rng.uniform(-22.0, 22.0))
+        point = shapely.Point(point_m)
+        distances_m = {zone.name: inside_m(zone, point, zone is fence.keep_in) for zone in fence.zones}
+        at, worst_m = nearest(fence, point_m), min(distances_m.values())
+        assert at is not None and at.keep_in == (at.zone is fence.keep_in)
+        assert at.inside_m == pytest.approx(worst_m, abs=1e-9)
+        assert distances_m[at.zone.name] == pytest.approx(worst_m, abs=1e-9)
+        assert dist(at.nearest_m, point_m) == pytest.approx(abs(worst_m), abs=1e-9)
+        assert shapely.LineString((at.begin_m, at.end_m)).distance(shapely.Point(at.nearest_m)) < 1e-9
+
+        found = list(edges(fence, point_m, 5.0))
+        end_m = (rng.uniform(-22.0, 22.0), rng.uniform(-22.0, 22.0))
+        for edge in found:
+            line, way = shapely.LineString((edge.begin_m, edge.end_m)), shapely.LineString((point_m, end_m))
+            assert abs(edge.inside_m) == pytest.approx(line.distance(point), abs=1e-9)
+            assert edge.distance_to_way_m(point_m, end_m) == pytest.approx(line.distance(way), abs=1e-9)
+        for zone in fence.zones:
+            ring = [*zone.corners_ned_m, zone.corners_ned_m[0]]
+            near = sum(shapely.LineString(each).distance(point) <= 5.0 for each in pairwise(ring))
+            assert sum(edge.zone is zone for edge in found) == (near if distances_m[zone.name] > 0.0 else 1)
+
+        up_m = rng.uniform(0.0, 22.0)
+        place = (*point_m, -up_m)
+        assert bool(outside_reason(fence, place, 0.7)) == (worst_m < 0.7 or up_m > 19.3)
+        for low_allowed in (False, True):
+            wrong = worst_m < HOLD_OFF_M or up_m > 20.0 - HOLD_OFF_M or (up_m < 1.0 and not low_allowed)
+            assert bool(place_refusal(fence, place, low_allowed=low_allowed)) == wrong
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_way_is_refused_where_shapely_finds_it_outside_or_near_an_edge(seed: int) -> None:
+    rng = Random(100 + seed)
+    fence = random_fence(rng)
+    assert fence.keep_in is not None
+    free = shapely.Polygon(fence.keep_in.corners_ned_m).buffer(-HOLD_OFF_M)
+    free = free.difference(
+        shapely.unary_union([shapely.Polygon(z.corners_ned_m).buffer(HOLD_OFF_M) for z in fence.keep_out])
+    )
+    for _ in range(30):
+        corners = [(rng.uniform(-9.0, 9.0), rng.uniform(-9.0, 9.0)) for _ in range(3)]
+        way, line = [(*corner, -5.0) for corner in corners], shapely.LineString(corners)
+        refusal = way_refusal(fence, way, from_ground=False, to_ground=False)
+        if free.buffer(-0.05).contains(line):
+            assert refusal == ""
+        elif free.contains(shapely.Point(corners[0])) and line.difference(free.buffer(0.05)).length > 1.0:
+            assert refusal.startswith("the way leaves the fence")
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_way_back_from_anywhere_leads_inside(seed: int) -> None:
+    rng = Random(200 + seed)
+    keep_in = star(rng, "in", (0.0, 0.0), 20.0)
+    shape = shapely.Polygon(keep_in.corners_ned_m)
+    fence = Fence(keep_in=keep_in, ceiling_m=20.0)
+    for _ in range(20):
+        outside = (rng.uniform(-40.0, 40.0), rng.uniform(-40.0, 40.0), -rng.uniform(0.0, 30.0))
+        back = point_inside(fence, outside, 0.2)
+        if not shape.buffer(-0.5).is_empty:
+            assert shape.buffer(0.05).contains(shapely.Point(back[:2]))
+        assert back[2] == max(outside[2], -19.8)

@@ -1,11 +1,13 @@
 """Every rotation, by hand and there and back."""
 
-from math import pi, sqrt
+from math import acos, pi, sqrt
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pyproj import Proj
+from scipy.spatial.transform import Rotation, Slerp
 
 from jezero.base import frames
 from jezero.base.frames import Quat, Vec3
@@ -16,8 +18,8 @@ vectors = st.tuples(numbers, numbers, numbers)
 NORTH: Vec3 = (1.0, 0.0, 0.0)
 
 
-def near(vector: Vec3) -> object:
-    return pytest.approx(vector, abs=1e-6)
+def near(value: Vec3 | float) -> object:
+    return pytest.approx(value, abs=1e-6)
 
 
 @pytest.mark.parametrize(("enu", "ned"), [((1.0, 2.0, 3.0), (2.0, 1.0, -3.0)), ((0.0, 1.0, 0.0), NORTH)])
@@ -121,3 +123,61 @@ def test_a_camera_that_looks_down_has_the_nose_at_the_top_and_the_right_side_rig
 def test_the_cameras_quaternion_is_the_rotation_of_its_vectors(vector: Vec3, pitch_rad: float, roll_rad: float) -> None:
     by_quaternion = frames.quat_rotate(frames.q_frd_from_camera(pitch_rad, roll_rad), vector)
     assert by_quaternion == pytest.approx(frames.frd_from_camera(vector, pitch_rad, roll_rad), abs=1e-9)
+
+
+rotations = st.tuples(*[st.floats(-1.0, 1.0)] * 4).filter(lambda q: np.linalg.norm(q) > 0.1).map(frames.quat_normalize)
+ENU, FLU = np.array(((0, 1, 0), (1, 0, 0), (0, 0, -1))), np.diag((1, -1, -1))
+
+
+def scipys(q: Quat) -> Rotation:
+    return Rotation.from_quat(q, scalar_first=True)
+
+
+def same(q: Quat, expected: Rotation) -> bool:
+    return bool((scipys(q) * expected.inv()).magnitude() < 1e-6) and q[0] >= 0.0
+
+
+@given(rotations, rotations, vectors, st.floats(0.0, 1.0))
+def test_rotations_are_those_of_scipy(a: Quat, b: Quat, vector: Vec3, fraction: float) -> None:
+    one, other = scipys(a), scipys(b)
+    product = frames.quat_normalize(frames.quat_multiply(a, b))
+    assert same(product, one * other)
+    assert frames.quat_rotate(a, vector) == near(tuple(one.apply(vector)))
+    assert frames.rotation_matrix(a) == pytest.approx(one.as_matrix().ravel(), abs=1e-9)
+    assert same(frames.quat_from_rotation_vector(tuple(one.as_rotvec())), one)
+    down = one.apply((0.0, 0.0, 1.0))[2]
+    assert frames.tilt_from_quat(a) == pytest.approx(acos(min(max(down, -1.0), 1.0)), abs=1e-6)
+    assert same(frames.q_ned_from_frd(a), Rotation.from_matrix(ENU @ one.as_matrix() @ FLU))
+    near_by = one * Rotation.from_rotvec(0.1 * other.as_rotvec() / pi)
+    expected = Slerp((0.0, 1.0), Rotation.concatenate((one, near_by)))(fraction)
+    between = frames.quat_between(a, tuple(near_by.as_quat(scalar_first=True)), fraction)
+    assert (scipys(between) * expected.inv()).magnitude() < 1e-3
+
+
+@given(angles, st.floats(-1.5, 1.5), angles, vectors)
+def test_angles_are_those_of_scipy(roll: float, pitch: float, yaw: float, vector: Vec3) -> None:
+    expected = Rotation.from_euler("ZYX", (yaw, pitch, roll))
+    assert same(frames.quat_from_euler(roll, pitch, yaw), expected)
+    assert frames.rotate_yaw(vector, yaw) == near(tuple(Rotation.from_euler("z", yaw).apply(vector)))
+    camera = Rotation.from_euler("XY", (roll, pitch)) * Rotation.from_matrix(((0, 0, 1), (1, 0, 0), (0, 1, 0)))
+    camera *= Rotation.from_euler("z", yaw)
+    assert same(frames.q_frd_from_camera(pitch, roll, yaw), camera)
+    assert frames.frd_from_camera(vector, pitch, roll, yaw) == near(tuple(camera.apply(vector)))
+
+
+@given(vectors, vectors, st.floats(-1e3, 1e3))
+def test_vectors_are_those_of_numpy(a: Vec3, b: Vec3, factor: float) -> None:
+    one, other = np.array(a), np.array(b)
+    assert frames.add(a, b) == near(tuple(one + other)) and frames.subtract(a, b) == near(tuple(one - other))
+    assert frames.scale(a, factor) == near(tuple(factor * one)) and frames.dot(a, b) == near(float(one @ other))
+    assert frames.cross(a, b) == near(tuple(np.cross(one, other)))
+    assert frames.norm(a) == near(float(np.linalg.norm(one)))
+    assert frames.distance(a, b) == near(float(np.linalg.norm(one - other)))
+    assert frames.horizontal(a) == near(float(np.linalg.norm(one[:2])))
+    assert (frames.wrap_pi(factor) - factor) / (2 * pi) == pytest.approx(round((-factor) / (2 * pi)), abs=1e-6)
+
+
+@given(st.tuples(*[st.floats(-300.0, 300.0)] * 3), st.floats(-60.0, 60.0))
+def test_the_origin_of_a_frame_is_where_one_place_has_both_positions(pos_ned_m: Vec3, latitude_deg: float) -> None:
+    there = frames.geodetic_from_ned(pos_ned_m, (latitude_deg, 8.5, 488.0))
+    assert frames.ned_from_geodetic(there, frames.origin_from(pos_ned_m, there)) == pytest.approx(pos_ned_m, abs=0.05)

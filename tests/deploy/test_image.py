@@ -6,7 +6,6 @@ import re
 import shutil
 import subprocess
 import sys
-import venv
 import zipfile
 from pathlib import Path
 
@@ -122,7 +121,6 @@ def make_wheel(folder: Path, text: str) -> Path:
 
 def test_pip_installs_the_files_of_the_list_and_refuses_an_exchanged_one(tmp_path: Path) -> None:
     make_wheel(tmp_path / "wheels", "x = 1")
-    venv.create(tmp_path / "fresh", with_pip=True)
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PIP_")}
     environment["PIP_CONFIG_FILE"] = os.devnull
 
@@ -130,13 +128,15 @@ def test_pip_installs_the_files_of_the_list_and_refuses_an_exchanged_one(tmp_pat
         words = (
             "install",
             "--disable-pip-version-check",
+            "--target",
+            str(tmp_path / "fresh"),
             "--no-index",
             "--find-links",
             str(tmp_path / "wheels"),
             *words,
         )
         return subprocess.run(
-            [str(tmp_path / "fresh" / "bin" / "python"), "-m", "pip", *words],
+            [sys.executable, "-m", "pip", *words],
             env=environment, capture_output=True, text=True, check=False,
         )  # fmt: skip
 

@@ -152,8 +152,8 @@ def test_a_class_with_recorded_settings_is_replayed_with_others(tunable: Path) -
     assert "did you mean 'std_uwb_m'?" in replay(tunable, *own, "--set", "std_uwb=0.05").stderr
 
 
-def test_a_class_runs_on_what_another_estimator_has_read(usual: Path) -> None:
-    found = json.loads(replay(usual, "--class", MINE, "--json").stdout)
+def test_a_class_runs_on_what_another_estimator_has_read(tunable: Path) -> None:
+    found = json.loads(replay(tunable, "--class", MINE, "--json").stdout)
     assert not found["identical"] and found["errors_replayed"]["valid"] > 100
 
 

@@ -325,7 +325,7 @@ def cut_a_landing(hosts: Hosts, radio: tuple[str, str], phase: str, cut_s: float
 @pytest.mark.parametrize(
     ("radio", "phase"),
     [
-        (RADIO, "descent"),
+        pytest.param(RADIO, "descent", marks=pytest.mark.slow),
         pytest.param(ROVER_RADIO, "approach", marks=pytest.mark.slow),
         (ROVER_RADIO, "descent"),
     ],

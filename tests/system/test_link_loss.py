@@ -16,7 +16,7 @@ from tests.system.bridge_observation import HOST
 from tests.system.conftest import Stack, wait_for, wait_for_status
 
 AUTOPILOTS = [
-    "embedded",
+    pytest.param("embedded", marks=pytest.mark.slow),  # tests/scenario/test_failsafes.py flies it in virtual time
     pytest.param(
         "px4",
         marks=pytest.mark.skipif(

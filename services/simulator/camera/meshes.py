@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from jezero.base.arrays import Array
-from jezero.base.vehicle_config import AirframeConfig, PlatformConfig, UwbLayoutConfig
+from jezero.base.vehicle_config import PLATFORM_THICKNESS_M, AirframeConfig, PlatformConfig, UwbLayoutConfig
 from jezero.services.simulator.noise import generator
 from jezero.services.simulator.terrain import Terrain
 
@@ -18,7 +18,6 @@ Mesh = npt.NDArray[np.float32]
 Colour = tuple[float, float, float]
 Point = tuple[float, float, float]
 
-PLATFORM_THICKNESS_M = 0.06
 WHITE: Colour = (0.86, 0.85, 0.82)
 GREY: Colour = (0.52, 0.52, 0.53)
 DARK: Colour = (0.20, 0.20, 0.22)

@@ -6,7 +6,7 @@ import pytest
 from jezero.base.arrays import Array
 from jezero.base.vehicle_config import PlatformConfig
 from jezero.services.estimator.config import Tuning, ValidityConfig
-from jezero.services.estimator.consistency import HEADINGS_MIN, ConsistencyMonitor
+from jezero.services.estimator.consistency import HEADINGS_MIN, ConsistencyMonitor, DeadReckoning
 from jezero.services.estimator.measurements import (
     AltimeterMeasurement,
     Measurement,
@@ -170,3 +170,42 @@ def test_ranges_that_come_back_one_anchor_after_the_other_contradict_nothing() -
         assert located.consistency.left_out == "", f"{ms} ms"
     assert located.estimate is not None
     assert np.abs(located.estimate.pos_rel_m - np.array((6.5, 6.0, -7.0))).max() < 0.3
+
+
+def test_a_path_by_the_tags_that_is_turned_leaves_the_tags_out() -> None:
+    monitor, kalman, window = ConsistencyMonitor(0.5), kalman_at(POS_UAV_M, 0.05), TurnedWindow(0.0)
+    for ms in range(0, 15_000, 50):
+        kalman.predict_to(ms * MS)
+        angle_rad = ms / 1000.0
+        place_m = 2.0 * np.array((np.cos(angle_rad), np.sin(angle_rad), -3.0))
+        velocity_mps = 2.0 * np.array((-np.sin(angle_rad), np.cos(angle_rad), 0.0))
+        turned_m = 2.0 * np.array((np.cos(angle_rad + 1.0), np.sin(angle_rad + 1.0), -3.0))
+        measured: list[Measurement] = [
+            OdometryMeasurement(ms * MS, np.concatenate((place_m, velocity_mps))),
+            RoverOdometryMeasurement(ms * MS, 0.0, 0.0, 0.0, 0.03, 0.03, 0.01),
+            TagMeasurement(ms * MS, turned_m, turned_m, 1e-4 * np.eye(3), 0.0, None, 1.0),
+        ]
+        monitor.follow_motion(measured, kalman)
+        assert monitor.check_motion(measured, kalman, window) is None  # type: ignore[arg-type]
+    assert monitor.tag_left_out.startswith("the tags are left out, as their path is turned by 57 degrees")
+    assert monitor.uwb_left_out == monitor.speed_left_out == monitor.heading_turned == ""
+
+
+def test_the_reckoned_way_is_the_integral_of_the_odometry_and_a_gap_counts_as_half_a_second() -> None:
+    """The rover drives at 0.8 m/s along a heading of 0.6 rad, the vehicle at (0.5, -0.2) m/s."""
+    reckoning, ahead = DeadReckoning(), np.array((np.cos(0.6), np.sin(0.6)))
+    assert reckoning.sample(S, (1.0, 2.0), 0.1) is None
+    for ms in (0, *range(50, 2050, 50), 1980, 7000):  # 50 ms apart, one that comes late, and a gap of five seconds
+        pos_vel = np.array((0.5 * ms / 1000.0, -0.2 * ms / 1000.0, -3.0, 0.5, -0.2, 0.0))
+        measured: list[Measurement] = [
+            RoverOdometryMeasurement(ms * MS + S, 0.8, 0.6, 0.0, 0.03, 0.03, 0.01),
+            OdometryMeasurement(ms * MS + S, pos_vel),
+        ]
+        reckoning.add(measured, 0.6)
+    way_s = 0.5 + 2.0 + 0.5 + 0.1  # the first message, the steps, the gap, and what is later than the last message
+    sample = reckoning.sample(7_100 * MS + S, (1.0, 2.0), 0.1)
+    assert sample is not None
+    assert sample.measured_m == (1.0, 2.0) and sample.std_m == 0.1 and sample.t_ns == 7_100 * MS + S
+    assert sample.heading_way_m == pytest.approx(tuple(way_s * ahead))
+    vehicle_m = 7.1 * np.array((0.5, -0.2))
+    assert sample.reckoned_m == pytest.approx(tuple(vehicle_m - 0.8 * way_s * ahead))

@@ -9,6 +9,7 @@ from jezero.base.arrays import Array
 from jezero.base.vehicle_config import PlatformConfig
 from jezero.services.estimator.config import Tuning, ValidityConfig
 from jezero.services.estimator.kalman import FilterState, Kalman
+from jezero.services.estimator.measurement_history import MeasurementHistory
 from jezero.services.estimator.measurements import (
     Measurement,
     OdometryMeasurement,
@@ -125,3 +126,22 @@ def test_a_prediction_to_an_earlier_time_changes_nothing() -> None:
     kalman.predict_to(60 * MS)
     assert kalman.t_ns == 100 * MS
     assert np.array_equal(kalman.x, before.x) and np.array_equal(kalman.P, before.P)
+
+
+def test_statistics_count_the_measurements_of_one_kind_since_a_time() -> None:
+    rel_m = POS_UAV_M - POS_ROVER_M
+    kalman = kalman_at(POS_UAV_M, 0.05)
+    history = MeasurementHistory(kalman, kalman.save(), GATE)
+    assert history.statistics("tag", 0) is None
+    tags = [tag(ms * MS, rel_m + (0.0 if ms != 60 else 5.0)) for ms in range(10, 100, 10)]
+    history.add(tags)
+    found = history.statistics("tag", 50 * MS)
+    assert found is not None
+    assert found.newest is tags[-1]
+    assert (found.measurements, found.first_ns, found.offered, found.used) == (5, 50 * MS, 15, 12)
+    assert history.statistics("uwb", 0) is None
+    assert history.used_ns == {"tag": 90 * MS} and history.rejected == {"tag": False}
+    history.add([tag(100 * MS, rel_m + 5.0), uwb(95 * MS, rel_m)])
+    assert history.used_ns == {"tag": 90 * MS, "uwb": 95 * MS} and history.rejected == {"tag": True, "uwb": False}
+    since_20_ms = history.statistics("tag", 20 * MS)
+    assert since_20_ms is not None and (since_20_ms.measurements, since_20_ms.used) == (9, 21)

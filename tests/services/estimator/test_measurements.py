@@ -6,8 +6,15 @@ import pytest
 from jezero.base.arrays import Array
 from jezero.services.estimator.innovations import Innovation
 from jezero.services.estimator.kalman import FilterState
-from jezero.services.estimator.measurements import UwbMeasurement
-from jezero.services.estimator.motion import SIZE, YAW
+from jezero.services.estimator.measurements import (
+    AltimeterMeasurement,
+    Measurement,
+    OdometryMeasurement,
+    RoverOdometryMeasurement,
+    TagMeasurement,
+    UwbMeasurement,
+)
+from jezero.services.estimator.motion import ATTITUDE_ERROR, SIZE, TAG_SCALE, UWB_BIAS, YAW
 from tests.services.estimator.test_filter import ANCHORS_M, POS_ROVER_M, kalman_at
 
 NO_GATE = (1e12, 1e12)
@@ -46,3 +53,76 @@ def test_an_uncertain_heading_of_the_rover_spreads_the_ranges_of_its_anchors(
     (3.45 · 0.45 - 0.45 · 0.45) / 5.3014 = 0.2546 m."""
     spread_m2 = spread_by_yaw_m2(pos_rel_m, yaw_rad, 0.1)
     assert spread_m2 == pytest.approx(0.01 * np.outer(per_rad_m, per_rad_m), abs=1e-6)
+
+
+REL_M, LEVER_M = np.array((0.06, -0.05, -4.0)), np.array((0.05, 0.02, -0.1))
+BEAM_NED = np.array((0.02, -0.01, 0.9997))
+MEASUREMENTS: list[Measurement] = [
+    OdometryMeasurement(0, np.array((9.1, -3.5, -4.4, 0.1, 0.2, 0.3))),
+    RoverOdometryMeasurement(0, 0.5, 0.6, 0.1, 0.03, 0.03, 0.01),
+    UwbMeasurement(0, LEVER_M, 0.9 * ANCHORS_M, np.full(4, 4.1), -0.01 * np.arange(4.0), 0.02),
+    AltimeterMeasurement(0, 4.1, LEVER_M, BEAM_NED, 0.5, 0.03),
+    TagMeasurement(0, REL_M, 1.01 * REL_M, 1e-4 * np.eye(3), 0.4, 0.6, 0.02),
+]
+
+
+def innovations_at(x: Array, measurement: Measurement) -> list[Innovation]:
+    """Innovations of a filter whose state is nearly certain, so that no update moves it."""
+    kalman, root = kalman_at(POS_ROVER_M, 0.1), np.random.default_rng(1).normal(size=(SIZE, SIZE))
+    kalman.restore(FilterState(0, x, 1e-9 * root @ root.T))
+    seen: list[Innovation] = []
+    kalman.observer = seen.append
+    measurement.fuse(kalman, NO_GATE)
+    return seen
+
+
+@pytest.mark.parametrize("measurement", MEASUREMENTS, ids=lambda measurement: measurement.kind)
+def test_the_spread_of_each_innovation_follows_from_its_derivative(measurement: Measurement) -> None:
+    rng = np.random.default_rng(2)
+    x = kalman_at(POS_ROVER_M + REL_M, 0.1).x + 0.01 * rng.normal(size=SIZE)
+    x[3:6], x[9:12], x[YAW] = (0.3, -0.2, 0.1), (0.5, 0.2, 0.0), 0.55
+    root = np.random.default_rng(1).normal(size=(SIZE, SIZE))
+    step = 1e-5
+    found = innovations_at(x, measurement)
+    assert found
+    for i, innovation in enumerate(found):
+        moved = [
+            (innovations_at(x + each, measurement)[i].residual - innovations_at(x - each, measurement)[i].residual)
+            for each in step * np.eye(SIZE)
+        ]
+        H = -np.array(moved).T / (2.0 * step)
+        spread = innovation.cov - innovation.cov_noise
+        assert spread == pytest.approx(1e-9 * H @ root @ root.T @ H.T, rel=0.01, abs=1e-10)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_measurements_of_the_true_state_have_no_innovation(seed: int) -> None:
+    """Each is made from the state by its model: ranges with delays and a common error, the beam to a level platform,
+    the rover's speed along its heading, and a position by the tags that is turned and scaled by their errors."""
+    rng = np.random.default_rng(seed)
+    x = np.zeros(SIZE)
+    x[:3], x[6:9] = POS_ROVER_M + REL_M + rng.normal(0.0, 0.05, 3), POS_ROVER_M
+    x[3:6], x[YAW], x[13], x[UWB_BIAS] = rng.normal(size=3), rng.uniform(-3.0, 3.0), rng.normal(), rng.normal(0.0, 0.1)
+    c, s = np.cos(x[YAW]), np.sin(x[YAW])
+    speed_mps, rel_m, delays_s = rng.normal(), x[:3] - x[6:9], -0.01 * np.arange(4.0)
+    x[9:12] = speed_mps * c, speed_mps * s, 0.0
+    to_ned = np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
+    tags_ned_m = rel_m + LEVER_M + delays_s[:, None] * (x[3:6] - x[9:12])
+    ranges_m = np.linalg.norm(tags_ned_m - ANCHORS_M @ to_ned.T, axis=1) + x[UWB_BIAS]
+    beam_m = -(rel_m + LEVER_M)[2] / BEAM_NED[2]
+    made: list[Measurement] = [
+        OdometryMeasurement(0, x[:6]),
+        RoverOdometryMeasurement(0, speed_mps, x[YAW], x[13], 0.03, 0.03, 0.01),
+        UwbMeasurement(0, LEVER_M, ANCHORS_M, ranges_m, delays_s, 0.02),
+        AltimeterMeasurement(0, beam_m, LEVER_M, BEAM_NED, 0.5, 0.03),
+        TagMeasurement(0, rel_m, rel_m, 1e-4 * np.eye(3), 0.4, x[YAW], 0.02),
+    ]
+    for measurement in made:
+        for innovation in innovations_at(x, measurement):
+            assert innovation.residual == pytest.approx(0.0, abs=1e-6), innovation.sensor
+    x[ATTITUDE_ERROR], x[TAG_SCALE] = 0.01 * rng.normal(size=3), 0.02
+    heading = np.array(((np.cos(0.4), -np.sin(0.4), 0.0), (np.sin(0.4), np.cos(0.4), 0.0), (0.0, 0.0, 1.0)))
+    seen_m = 1.02 * rel_m + np.cross(heading @ x[ATTITUDE_ERROR], rel_m)
+    tag = TagMeasurement(0, seen_m, seen_m, 1e-4 * np.eye(3), 0.4, None, 0.02)
+    assert innovations_at(x, tag)[0].residual == pytest.approx(0.0, abs=5e-3)
+    assert np.linalg.norm(innovations_at(np.where(np.arange(SIZE) < 14, x, 0.0), tag)[0].residual) > 0.05

@@ -6,6 +6,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from jezero.schemas.estimate import SetParameters
 from jezero.schemas.rows import Topic
 from jezero.schemas.state import StatusCode
 from jezero.schemas.topics import ALTIMETER, BARO, ESTIMATE_TAG, GNSS, IMU, MAG, ROVER_ODOMETRY, STATUS, UWB
@@ -61,6 +62,21 @@ def test_noise_warns_above_twice_and_fails_above_eight_times_what_is_expected(
     outcome = check_noise(readings({topic.name: messages}))
     assert outcome.verdict == verdict, outcome.text
     assert words in outcome.text
+
+
+@pytest.mark.parametrize("topic", [IMU, ALTIMETER, UWB])
+def test_the_noise_of_a_few_readings_and_of_a_sensor_without_a_known_noise_is_not_judged(topic: Topic[Any]) -> None:
+    loud = {IMU: imu(std_acc_mps2=9.0), ALTIMETER: altimeter(std_m=9.0), UWB: uwb(std_m=9.0)}[topic]
+    assert check_noise(readings({topic.name: loud})).verdict == "failed"
+    assert check_noise(readings({topic.name: loud[:3]})).verdict == "passed"
+    if topic is not IMU:
+        unknown = SetParameters(std_altimeter_m=0.0, std_uwb_m=0.0)
+        assert check_noise(readings({topic.name: loud}, parameters=unknown)).verdict == "passed"
+
+
+def test_without_readings_the_noise_is_not_called_normal() -> None:
+    outcome = check_noise(readings({topic.name: () for topic in (IMU, ALTIMETER, UWB)}))
+    assert (outcome.verdict, outcome.text) == ("warning", "too few readings to measure it")
 
 
 def test_a_barometer_that_repeats_one_reading_fails() -> None:

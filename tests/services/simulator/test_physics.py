@@ -14,9 +14,10 @@ from jezero.base.vehicle_config import VehicleConfig
 from jezero.services.simulator.body import BodyState
 from jezero.services.simulator.config import RoverConfig, SimulatorConfig, TerrainConfig, UavConfig
 from jezero.services.simulator.rover import RoverModel
+from jezero.services.simulator.schedule import DT_S
 from jezero.services.simulator.terrain import make_terrain
 from jezero.services.simulator.uav import Uav, ground_effect
-from jezero.services.simulator.world import DT_S, World
+from jezero.services.simulator.world import World
 
 CONFIG = SimulatorConfig()
 VEHICLE = VehicleConfig()

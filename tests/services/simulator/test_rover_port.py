@@ -8,9 +8,8 @@ from jezero.schemas import topics
 from jezero.schemas.commands import RoverCommand
 from jezero.schemas.sensors import RoverOdometry
 from jezero.services.simulator.rover_port import ROVER
+from jezero.services.simulator.schedule import STEPS_PER_S
 from tests.services.simulator.test_service import STEP_NS, Bench, published
-
-STEPS_PER_S = 250
 
 
 def on_link(outputs: list[Output]) -> list[RoverOdometry]:

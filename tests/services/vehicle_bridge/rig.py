@@ -316,7 +316,7 @@ class Rig:
         self.outputs.append(output)
         if isinstance(output, Publish) and isinstance(output.message, Clock):
             self.clocks.append(output.message)
-        elif isinstance(output, Publish) and output.topic is not FENCE:
+        elif isinstance(output, Publish) and output.topic not in (FENCE, ALTIMETER):
             message = decode(output.topic.type, encode(output.message))
             (self.statuses if output.topic is STATUS else self.odometry).append(message)
             assert output.topic in (STATUS, ODOMETRY)

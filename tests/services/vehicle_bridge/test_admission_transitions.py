@@ -1,12 +1,13 @@
 """Spec §3's table of transitions, with the codes 14 and 15 of packages' actions: every row, and no other."""
 
+from contextlib import nullcontext
 from itertools import product
 
 import pytest
 
 from jezero.schemas.commands import Phase
 from jezero.schemas.state import StatusCode
-from jezero.services.vehicle_bridge.admission import CODE_OF, completed, is_allowed
+from jezero.services.vehicle_bridge.admission import CODE_OF, TransitionError, completed, is_allowed, require
 
 SPEC = (
     [(0, 1), (1, 2), (2, 3), (1, 4)]
@@ -23,6 +24,8 @@ SPEC = (
 @pytest.mark.parametrize(("before", "after"), list(product(range(16), range(16))))
 def test_a_transition_is_allowed_exactly_when_the_specification_names_it(before: int, after: int) -> None:
     assert is_allowed(StatusCode(before), StatusCode(after)) == ((before, after) in SPEC)
+    with nullcontext() if (before, after) in SPEC else pytest.raises(TransitionError):
+        require(StatusCode(before), StatusCode(after))
 
 
 def test_every_phase_has_a_code_and_the_next_one_says_that_it_is_done() -> None:

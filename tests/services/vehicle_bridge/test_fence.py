@@ -3,6 +3,7 @@
 import pytest
 from msgspec.structs import replace
 
+from jezero.base.mavlink import MavlinkCodec, dialect
 from jezero.schemas.commands import Hover, Phase
 from jezero.schemas.fence import Fence, SetFence, Zone
 from jezero.schemas.state import StatusCode
@@ -133,3 +134,29 @@ def test_a_hover_point_outside_is_refused_with_the_zone() -> None:
     reply = rig.request(HOVER, Hover(hover_req=True, hover_pos=(20.0, 0.0, -2.0)))
     assert not reply.hover_mode
     assert "10.0 m outside the area 'field' to stay in" in reply.reason
+
+
+def test_a_fence_that_is_taken_away_is_taken_from_the_autopilot_too() -> None:
+    rig = Rig().ready()
+    counts: list[int] = []
+    handle = rig.autopilot.handle
+    reader = MavlinkCodec(2, 1)
+
+    def counted(data: bytes) -> bytes:
+        counts.extend(
+            message.count
+            for message in reader.parse(data)
+            if message.get_msgId() == dialect.MAVLINK_MSG_ID_MISSION_COUNT
+        )
+        return handle(data)
+
+    rig.autopilot.handle = counted  # type: ignore[method-assign]
+    rig.run(2.0)
+    assert counts == []
+    assert rig.request(SET_FENCE, SetFence(fence=FENCE)).accepted
+    rig.run(1.0)
+    assert set(counts) == {4}
+    assert rig.request(SET_FENCE, SetFence(fence=None)).accepted
+    counts.clear()
+    rig.run(1.0)
+    assert set(counts) == {0}

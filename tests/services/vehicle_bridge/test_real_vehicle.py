@@ -3,6 +3,8 @@
 import pytest
 from msgspec.structs import replace
 
+from jezero.base.mavlink import dialect
+from jezero.runtime.service import Health
 from jezero.schemas.commands import Phase
 from jezero.schemas.state import StatusCode
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
@@ -82,3 +84,20 @@ def test_odometry_that_comes_too_rarely_is_named_with_rate_line_and_parameter() 
     assert f"odometry comes at 4 Hz over {LINK}, and 20 Hz are needed" in rig.status.not_ready_reason
     assert "MAV_1_RATE" in rig.status.not_ready_reason
     assert not rig.status.ready
+
+
+def test_the_health_says_that_no_rangefinder_is_there_until_one_is() -> None:
+    rig = real().ready()
+    missing = "the flight controller sends no DISTANCE_SENSOR: without a rangefinder nothing lands"
+
+    def health() -> str:
+        return [output.text for output in rig.outputs if isinstance(output, Health)][-1]
+
+    rig.run(2.0)
+    assert missing in health()
+    down = dialect.MAV_SENSOR_ROTATION_PITCH_270
+    rig.autopilot.unasked = rig.autopilot.codec.pack(
+        dialect.MAVLink_distance_sensor_message(rig.autopilot.t_us // 1000, 20, 1000, 300, 0, 0, down, 255)
+    )
+    rig.run(2.0)
+    assert missing not in health()

@@ -74,6 +74,15 @@ def test_the_controllers_time_is_known_whatever_its_clocks_rate_is(rate: float) 
     assert abs(controller.error_ns) < MS
 
 
+@pytest.mark.parametrize("known_after", [1, 5])
+def test_the_time_is_unknown_until_enough_replies_have_come(known_after: int) -> None:
+    controller = Controller(TimeSync(known_after))
+    for number in range(1, known_after + 1):
+        assert controller.sync.offset is None
+        controller.run(0.1)
+        assert (controller.sync.offset is not None) is (number == known_after)
+
+
 def test_a_slow_line_that_delays_most_replies_costs_little() -> None:
     controller = Controller(TimeSync(), rate=1.0 + 50e-6)
     controller.late_ns = 30 * MS

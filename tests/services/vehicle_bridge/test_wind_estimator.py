@@ -2,7 +2,9 @@
 
 from math import cos, sin, sqrt, tan
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from jezero.base.frames import Quat, Vec3
 from jezero.base.vehicle_config import AirframeConfig
@@ -37,6 +39,22 @@ def test_a_hover_that_leans_into_the_wind_has_the_airspeed_of_its_drag(pitch_rad
     # Nose down (negative pitch) pulls north, so the wind comes from the north, towards the south.
     assert wind[0] == pytest.approx(horizontal_mps * (1.0 if pitch_rad > 0.0 else -1.0))
     assert wind[1:] == pytest.approx((0.0, 0.0), abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_wind_of_a_simulated_drag_is_found(seed: int) -> None:
+    """The drag acts in the plane of the rotors, against the motion through the air: 0.45 v + 0.5 · 1.2 · 0.06 v²."""
+    rng = np.random.default_rng(seed)
+    vel_ned_mps, wind = rng.normal(0.0, 3.0, 3), np.array((*rng.normal(0.0, 4.0, 2), 0.0))
+    attitude = Rotation.from_euler("ZYX", (rng.uniform(-3.0, 3.0), *rng.uniform(-0.4, 0.4, 2)))
+    in_plane = attitude.inv().apply(vel_ned_mps - wind) * (1.0, 1.0, 0.0)
+    speed = float(np.linalg.norm(in_plane))
+    drag_n = -(0.45 + 0.036 * speed) * in_plane
+    down = np.array((0.0, 0.0, 1.0))
+    acc_ned_mps2 = attitude.apply((drag_n - rng.uniform(5.0, 25.0) * down) / 1.5) + 9.81 * down
+    w, x, y, z = attitude.as_quat(scalar_first=True).tolist()
+    found = wind_ned_mps(tuple(acc_ned_mps2.tolist()), tuple(vel_ned_mps.tolist()), (w, x, y, z), AIRFRAME)
+    assert found == pytest.approx(tuple(wind), abs=0.02)
 
 
 def test_a_vehicle_on_its_side_tells_nothing_of_the_wind() -> None:
@@ -84,8 +102,31 @@ def test_the_mean_begins_with_the_first_samples_and_follows_a_wind_that_rises_la
     fly_level(estimator, 0.0, 2.2, (north_mps, east_mps, 0.0))
     assert estimator.wind is not None
     assert estimator.wind.mean_ned_mps == pytest.approx((north_mps, east_mps, 0.0))
+    assert estimator.wind.std_gust_mps == pytest.approx(0.0, abs=1e-6)
     estimator = WindEstimator(AIRFRAME)
     fly_level(estimator, 0.0, 40.0, STILL)
     fly_level(estimator, 41.0, 46.0, (north_mps, east_mps, 0.0))  # the gap keeps the jump of the velocity out
     assert estimator.wind is not None
     assert estimator.wind.mean_ned_mps == pytest.approx((0.632 * north_mps, 0.632 * east_mps, 0.0), abs=0.01)
+    # 0.632 of the weight is on 3 m/s and the rest on 0; a component has half of the variance.
+    assert estimator.wind.std_gust_mps == pytest.approx(3.0 * sqrt(0.5 * 0.632 * 0.368), abs=0.01)
+
+
+def test_the_wind_is_found_while_it_carries_a_level_vehicle_along() -> None:
+    estimator, vel_mps = WindEstimator(AIRFRAME), 0.0
+    flying = VehicleSnapshot(t_ns=0, timer_ns=0, armed=True, landed=False, height_m=3.0)
+    for step in range(120):
+        odometry = Odometry(
+            t_ns=1 + step * 20_000_000,
+            epoch_id=1,
+            pos_uav_ned_m=(0.0, 0.0, -3.0),
+            vel_uav_ned_mps=(vel_mps, 0.0, 0.0),
+            q_ned_from_frd=pitched(0.0),
+            rates_uav_frd_rps=STILL,
+        )
+        estimator.update(odometry, flying)
+        air_mps = 4.0 - vel_mps
+        vel_mps += 0.02 * (0.45 + 0.036 * air_mps) * air_mps / 1.5
+    assert estimator.wind is not None
+    assert estimator.wind.mean_ned_mps == pytest.approx((4.0, 0.0, 0.0), abs=0.05)
+    assert estimator.wind.std_gust_mps < 0.03

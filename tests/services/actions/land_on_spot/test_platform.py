@@ -4,8 +4,8 @@ import pytest
 
 from jezero.base.frames import Vec3
 from jezero.schemas.estimate import Relative
-from jezero.services.actions.land_on_spot.config import RoverLandingConfig
-from jezero.services.actions.land_on_spot.platform import Descent, PlatformState, PlatformTracking
+from jezero.services.actions.land_on_spot.config import PlatformControlConfig, RoverLandingConfig
+from jezero.services.actions.land_on_spot.platform import Descent, PlatformControl, PlatformState, PlatformTracking
 from jezero.services.actions.motion.behaviour import VehicleState
 
 S = 1_000_000_000
@@ -83,3 +83,72 @@ def test_it_comes_nearer_by_an_invalid_estimate_only_if_that_is_good_for_its_dis
     tracking = PlatformTracking(90 * S, None, CONFIG.coast_s)
     assert tracking.update(t_ns, 0.02, state, searches=False) is None
     assert (tracking.rough is not None) is comes_nearer
+
+
+def contact_after_s(height_m: float, feet_m: float, ratio: float) -> float | None:
+    """Time until a descent at 0.5 m/s that reaches only a ratio of it counts as contact; None for more than 2 s."""
+    descent = Descent(CONFIG, room_m=0.4)
+    platform = PlatformState((0.0, 0.0, -height_m), (0.0, 0.0, 0.5 * ratio), STILL, 0.0)
+    steps = (n for n in range(101) if descent.has_contact(S + n * S // 50, platform, feet_m, 0.5))
+    return next((n / 50.0 for n in steps), None)
+
+
+@pytest.mark.parametrize(
+    ("height_m", "feet_m", "ratio", "after_s"),
+    [
+        (0.2, 0.2, 0.45, 0.42),
+        (0.2, 0.2, 0.55, None),
+        (0.2, 0.2, -0.5, 0.42),
+        (0.29, 0.29, 0.0, 0.42),
+        (0.31, 0.31, 0.0, None),
+        (0.2, 0.02, 1.0, 0.0),
+        (0.2, 0.04, 1.0, None),
+    ],
+)
+def test_a_low_foot_is_contact_at_once_and_less_than_half_the_speed_after_four_tenths_of_a_second(
+    height_m: float, feet_m: float, ratio: float, after_s: float | None
+) -> None:
+    assert contact_after_s(height_m, feet_m, ratio) == after_s
+
+
+def test_a_stop_begins_anew_when_the_vehicle_moves_or_no_longer_descends() -> None:
+    descent, stopped = Descent(CONFIG, room_m=0.4), over_platform(0.2)
+    moving = PlatformState((0.0, 0.0, -0.2), (0.0, 0.0, 0.5), STILL, 0.0)
+    for t_ns, platform, down_mps in ((0, stopped, 0.5), (3, moving, 0.5), (6, stopped, 0.0), (9, stopped, 0.5)):
+        assert not descent.has_contact(t_ns * S // 10, platform, 0.2, down_mps)
+    assert descent.has_contact(11 * S // 10, stopped, 0.2, 0.5)
+
+
+def test_the_velocity_over_the_platform_is_that_of_a_pi_controller_with_the_rovers_fed_forward() -> None:
+    """At 2 m the gain is 1.55 /s, in the middle between those of 0.5 m and 3.5 m, but √(2 · 1.5 · 2) m/s is faster
+    than the vehicle can brake."""
+    config = PlatformControlConfig(gain_far_1ps=0.9, gain_near_1ps=2.2, gain_integral_1ps2=0.8, speed_max_mps=3.5)
+    rover_mps, turn_rps = (0.6, -0.3, 0.0), 0.2
+    for error_m, speed_mps in ((0.2, 0.44), (2.0, 6.0**0.5), (3.0, 3.0), (3.5, 3.15), (9.0, 3.5)):
+        platform = PlatformState((0.6 * error_m, -0.8 * error_m, -3.0), (0.1, 0.2, 0.3), rover_mps, turn_rps)
+        velocity, acceleration = PlatformControl(config).command(0.0, platform)
+        assert velocity == pytest.approx((0.6 - 0.6 * speed_mps, -0.3 + 0.8 * speed_mps), rel=0.05)
+        pull_1ps = speed_mps / error_m
+        turning = (0.3 * turn_rps, 0.6 * turn_rps)
+        assert acceleration == pytest.approx((turning[0] - pull_1ps * 0.1, turning[1] - pull_1ps * 0.2), rel=0.05)
+
+
+def test_the_integral_grows_near_the_middle_stays_on_the_way_and_is_left_behind_far_away() -> None:
+    control = PlatformControl(PlatformControlConfig(gain_near_1ps=2.0, gain_integral_1ps2=0.8))
+
+    def at(north_m: float, east_m: float) -> PlatformState:
+        return PlatformState((north_m, east_m, -3.0), STILL, STILL, 0.0)
+
+    def integral_mps() -> tuple[float, float]:
+        return control.command(1.0, at(0.0, 0.0))[0]
+
+    assert control.command(1.0, at(0.1, -0.2))[0] == pytest.approx((-0.2 - 0.08, 0.4 + 0.16))
+    assert integral_mps() == pytest.approx((-0.08, 0.16))
+    control.command(1.0, at(3.4, 0.0))
+    assert integral_mps() == pytest.approx((-0.08, 0.16))
+    for _ in range(9):
+        control.command(1.0, at(0.12, -0.16))
+    north_mps, east_mps = integral_mps()
+    assert north_mps**2 + east_mps**2 == pytest.approx(0.09) and north_mps < 0.0 < east_mps
+    control.command(1.0, at(3.6, 0.0))
+    assert integral_mps() == (0.0, 0.0)

@@ -5,10 +5,10 @@ from math import hypot, pi
 
 import pytest
 
-from jezero.base.frames import add, altitude_m, subtract
+from jezero.base.frames import add, altitude_m, quat_from_euler, subtract
 from jezero.schemas.goals import LandOnSpotGoal
 from jezero.schemas.topics import LAND_ON_SPOT
-from jezero.services.actions.land_on_spot.contact import FORCE_S
+from jezero.services.actions.land_on_spot.contact import FORCE_S, foot_drop_m
 from jezero.services.actions.land_on_spot.platform import (
     AT_ONCE_BELOW_M,
     COMMIT_M,
@@ -16,9 +16,15 @@ from jezero.services.actions.land_on_spot.platform import (
     SLOWER_DOWN_MPS2,
     PlatformState,
 )
-from jezero.services.actions.land_on_spot.rover_landing import SEARCH_SPEED_DOWN_MAX_MPS, RoverLanding
+from jezero.services.actions.land_on_spot.rover_landing import (
+    ACQUIRE_S,
+    SEARCH_SPEED_DOWN_MAX_MPS,
+    SEARCH_SPEED_MPS,
+    RoverLanding,
+    rover_landing_remaining,
+)
 from jezero.services.actions.motion.behaviour import Done, Move, Selection
-from tests.services.actions.land_on_spot.landing_rig import BOTH, DECK_NED_M, DT_S, STILL, TAG, Landing
+from tests.services.actions.land_on_spot.landing_rig import BOTH, CONFIG, DECK_NED_M, DT_S, STILL, TAG, Landing
 from tests.services.actions.test_behaviours import plan_of, refusal_of
 
 
@@ -390,3 +396,28 @@ def test_the_path_leads_from_the_vehicle_to_above_the_platform_and_down_to_it() 
     assert here == landing.pos_m
     assert platform == pytest.approx(DECK_NED_M, abs=0.05)
     assert above[:2] == platform[:2] and platform[2] - above[2] > 1.0
+
+
+def test_a_vehicle_that_the_wind_tilts_touches_with_its_lowest_foot() -> None:
+    """Tilted by 8 degrees the foot on the low side is 3 cm and more below those of a level vehicle."""
+
+    def height_of_contact_m(tilt_rad: float) -> float:
+        landing = Landing(BOTH)
+        landing.q_ned_from_frd = quat_from_euler(tilt_rad, 0.0, 0.0)
+        landing.run(40.0)
+        return next(altitude_m(offset_m[2]) for _, offset_m, move in landing.moves if move.feedback.phase == "contact")
+
+    drop_m = foot_drop_m(quat_from_euler(0.14, 0.0, 0.0), CONFIG.vehicle.airframe)
+    assert drop_m > 0.02
+    assert height_of_contact_m(0.14) - height_of_contact_m(0.0) == pytest.approx(drop_m, abs=0.015)
+
+
+def test_the_rest_of_a_landing_that_uwb_does_not_reach_has_the_time_of_a_search() -> None:
+    near, far = (Landing(TAG, (3.0 + away_m, -4.0, -6.0), sees=lambda t_s, offset_m: False) for away_m in (5.0, 40.0))
+    assert isinstance(near.behaviour, RoverLanding) and isinstance(far.behaviour, RoverLanding)
+    rests = near.behaviour.remaining(near.state()), far.behaviour.remaining(far.state())
+    assert rests[0] is not None and rests[1] is not None
+    plain = [rover_landing_remaining((away_m, 0.0, -6.0), CONFIG.land_on_spot.rover) for away_m in (5.0, 40.0)]
+    assert rests[0].time_s == pytest.approx(plain[0].time_s)
+    beyond_m = hypot(40.0, 6.0) - CONFIG.vehicle.uwb.range_max_m
+    assert rests[1].time_s == pytest.approx(plain[1].time_s + ACQUIRE_S + beyond_m / SEARCH_SPEED_MPS)

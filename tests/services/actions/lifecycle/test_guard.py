@@ -139,6 +139,8 @@ def test_a_behaviour_that_raises_aborts_its_goal_for_good(where: str) -> None:
     assert done.outcome == "aborted"
     assert done.reason.startswith("spiral failed")
     assert behaviour.step(1, STATE) == done
+    assert behaviour.hold(1, 0.02, STATE) == done
+    assert behaviour.pause_refusal(STATE) == done.reason
 
 
 def test_a_result_that_raises_is_none() -> None:

@@ -1,6 +1,6 @@
 """Goals that are prepared in a process of their own: what ends that work, and what its failure means for the goal."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from operator import truediv
 from typing import Any
@@ -9,11 +9,12 @@ import pytest
 
 from jezero.runtime import memory_bus
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
+from jezero.runtime.service import Inbox, Output, Reply
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, Cancel, CancelReply, Rejected
 from jezero.schemas.goals import GoToGoal
 from jezero.schemas.state import Status
-from jezero.services.actions.lifecycle.server import PREPARE_TIMEOUT_S, ActionServer
+from jezero.services.actions.lifecycle.server import ACQUIRE_TIMEOUT_S, NO_REPLY, PREPARE_TIMEOUT_S, ActionServer
 from jezero.services.actions.motion.behaviour import Plan, Preparation, Prepared, Refusal
 from jezero.services.actions.table import PLANNERS
 from tests.services.actions.fake_bridge import FakeBridge
@@ -124,3 +125,20 @@ def test_a_plan_whose_client_has_gone_is_not_worked_out_any_more(endless: World)
     assert not plan.ended
     endless.bus.client_departs("me")
     assert endless.bus.run_for(0.5, lambda: plan.ended)
+
+
+def test_no_work_is_begun_for_a_goal_that_the_bridge_would_refuse(endless: World) -> None:
+    endless.bridge.refuse = "a person flies"
+    rejected = endless.first(endless.send(), within_s=1.0)
+    assert isinstance(rejected, Rejected) and rejected.reason == "a person flies"
+
+
+def test_no_work_is_begun_while_the_bridge_has_not_replied(endless: World) -> None:
+    step = endless.bridge.step
+
+    def without_replies(t_ns: int, inbox: Inbox) -> Iterator[Output]:
+        yield from (output for output in step(t_ns, inbox) if not isinstance(output, Reply))
+
+    endless.bridge.step = without_replies  # type: ignore[method-assign]
+    rejected = endless.first(endless.send(), within_s=ACQUIRE_TIMEOUT_S + 1.0)
+    assert isinstance(rejected, Rejected) and rejected.reason.startswith(NO_REPLY)

@@ -310,3 +310,5 @@ def test_the_estimate_is_that_of_the_exposure_with_the_attitude_of_that_time() -
     assert estimates[0].pos_uav_rel_rover_ned_m == pytest.approx(pos_ned_m, abs=1e-5)
     assert estimates[0].yaw_rover_rad == pytest.approx(0.3, abs=1e-5)
     assert estimates[0].tag_ids == (BIG_ID, 1)
+    pos_camera_m = np.array(pos_ned_m) + np.array(quat_rotate(then, MOUNT_FRD_M))
+    assert estimates[0].range_m == pytest.approx(float(np.linalg.norm(pos_camera_m)), abs=1e-5)
