@@ -33,6 +33,7 @@ REASONS = {
     "needs a flight that ended early",
     "needs an installed package",
     "needs another computer",
+    "needs systemd",
     "part of a longer program",
     "starts a second stack",
     "takes minutes",
