@@ -325,6 +325,8 @@ class VehicleBridge:
     def _missing(self, telemetry_age_s: float) -> Iterator[str]:
         """What the system lacks for a takeoff, the first thing first."""
         link, telemetry = self._link, self._link.telemetry
+        if link.refusal:
+            yield link.refusal
         if self._epoch_id is None:
             yield self._no_time_reason()
         if telemetry.received_wall_ns is None:
@@ -396,7 +398,7 @@ class VehicleBridge:
 
     def _configure(self, vehicle: VehicleSnapshot, wall_ns: int) -> bytes:
         """Request telemetry and set parameters; neither while others fly and telemetry arrives."""
-        if self._link.telemetry.received_wall_ns is None:
+        if self._link.telemetry.received_wall_ns is None or self._link.refusal:
             return b""
         data = b""
         code = self._authority.code

@@ -3,8 +3,10 @@
 import pytest
 from msgspec.structs import replace
 
-from jezero.schemas.commands import Phase
+from jezero.base.mavlink import dialect
+from jezero.schemas.commands import Hover, Phase
 from jezero.schemas.state import StatusCode
+from jezero.schemas.topics import HOVER
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from tests.services.vehicle_bridge.rig import FakeAutopilot, Rig
 
@@ -82,3 +84,35 @@ def test_odometry_that_comes_too_rarely_is_named_with_rate_line_and_parameter() 
     assert f"odometry comes at 4 Hz over {LINK}, and 20 Hz are needed" in rig.status.not_ready_reason
     assert "MAV_1_RATE" in rig.status.not_ready_reason
     assert not rig.status.ready
+
+
+def test_ardupilot_is_refused_with_what_it_lacks_and_gets_no_command() -> None:
+    rig = real()
+    rig.autopilot.kind = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
+    rig.run(10.0)
+    assert not rig.status.ready
+    assert rig.status.not_ready_reason.startswith("the flight controller runs ArduPilot, and jezero flies PX4 only")
+    assert "no ODOMETRY" in rig.status.not_ready_reason
+    assert rig.odometry == []  # although it sends what would be read as position and attitude
+    assert "runs ArduPilot" in rig.acquire("takeoff", "g1").reason
+    assert not rig.request(HOVER, Hover()).hover_mode
+    assert rig.autopilot.commands == rig.autopilot.setpoints == []
+
+
+def test_a_flying_ardupilot_is_not_taken_back() -> None:
+    rig = real()
+    rig.autopilot.kind, rig.autopilot.armed, rig.autopilot.landed = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, True, False
+    rig.run(10.0)
+    assert not rig.request(HOVER, Hover()).hover_mode
+    rig.run(2.0)
+    assert rig.autopilot.commands == rig.autopilot.setpoints == []
+
+
+def test_px4_in_its_place_is_flown() -> None:
+    rig = real()
+    rig.autopilot.kind = dialect.MAV_AUTOPILOT_GENERIC
+    rig.run(5.0)
+    assert "runs no PX4 (its HEARTBEAT names autopilot 0)" in rig.status.not_ready_reason
+    rig.autopilot.kind = dialect.MAV_AUTOPILOT_PX4
+    rig.run(5.0)
+    assert rig.status.ready, rig.status.not_ready_reason
