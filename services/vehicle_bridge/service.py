@@ -10,6 +10,7 @@ from jezero.runtime.service import Health, Inbox, Output, Publish, Reply, Send, 
 from jezero.schemas.fence import Fence
 from jezero.schemas.health import ServiceState
 from jezero.schemas.preflight import Check
+from jezero.schemas.rows import FLYING_ODOMETRY_MIN_HZ
 from jezero.schemas.state import Status, StatusCode
 from jezero.schemas.topics import (
     ABORT,
@@ -29,12 +30,12 @@ from jezero.schemas.topics import (
     UNKNOWN_ACTION,
 )
 from jezero.schemas.units import NS_PER_S
-from jezero.services.vehicle_bridge.admission import status_words
+from jezero.services.vehicle_bridge.admission import in_words, status_words
 from jezero.services.vehicle_bridge.authority import Authority, ControlState
 from jezero.services.vehicle_bridge.autopilot_link import AutopilotLink, TelemetryBatch
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.fence import FenceKeeper
-from jezero.services.vehicle_bridge.narrow_line import RATE_MIN_HZ
+from jezero.services.vehicle_bridge.narrow_line import rate_refusal
 from jezero.services.vehicle_bridge.requests import RequestQueue, unknown_action_reply
 from jezero.services.vehicle_bridge.takeover import ForeignSetpointDetector
 from jezero.services.vehicle_bridge.time_sync import ControllerClock, KeptEpoch
@@ -212,6 +213,10 @@ class VehicleBridge:
             self._intervals_wall_ns = -INTERVALS_PERIOD_NS
 
     @property
+    def _odometry_hz(self) -> float | None:
+        return None if self._link.rate is None else self._link.rate.hz
+
+    @property
     def _round_trip_ns(self) -> int | None:
         offset = None if self._controller is None else self._controller.sync.offset
         return None if offset is None else offset.round_trip_ns
@@ -267,6 +272,8 @@ class VehicleBridge:
             acknowledged=self._link.acknowledged,
             command_failure=self._link.command_failure(timer_ns),
             router_lost_s=(inbox.wall_ns - (self._router_seen_wall_ns or 0)) * 1e-9,
+            odometry_hz=self._odometry_hz,
+            line=self._config.link,
         )
 
     def _failed_checks(self, t_ns: int, inbox: Inbox) -> tuple[Check, ...]:
@@ -333,12 +340,8 @@ class VehicleBridge:
             yield "no telemetry from the autopilot yet"
         if telemetry.odometry is None:
             yield "the autopilot sends no odometry yet: its estimator is still converging"
-        if link.rate is not None and link.rate.hz is not None and link.rate.hz < RATE_MIN_HZ:
-            yield (
-                f"odometry comes at {link.rate.hz:.0f} Hz over {self._config.link}, and {RATE_MIN_HZ:g} Hz are needed: "
-                f"raise the line's baud rate (PX4: SER_TEL1_BAUD or SER_TEL2_BAUD) and its rate (MAV_0_RATE or "
-                f"MAV_1_RATE), or use USB or Ethernet"
-            )
+        if refusal := rate_refusal(self._odometry_hz, FLYING_ODOMETRY_MIN_HZ, "any flight", self._config.link):
+            yield refusal
         if telemetry_age_s > LINK_TIMEOUT_S:
             yield f"the autopilot's telemetry has been missing for {telemetry_age_s:.0f} s"
         if telemetry.origin_deg is None:
@@ -351,6 +354,11 @@ class VehicleBridge:
             warning = link.warning(self._timer.now_ns)
             because = f": {warning}" if warning else ""
             yield f"the autopilot's arming checks don't pass yet in mode {telemetry.mode}{because}"
+
+    def _too_rare_reason(self) -> str:
+        """Reason why odometry comes too rarely for one of jezero's actions, or ""."""
+        most = max(ACTIONS.values(), key=lambda action: action.odometry_min_hz)
+        return rate_refusal(self._odometry_hz, most.odometry_min_hz, in_words(most.name), self._config.link)
 
     def _no_time_reason(self) -> str:
         if self._controller is None:
@@ -482,6 +490,9 @@ class VehicleBridge:
             text = self._not_ready_reason(vehicle.telemetry_age_s)
         elif self._authority.code is StatusCode.IDLE and (reason := self._not_ready_reason(vehicle.telemetry_age_s)):
             state, text = "degraded", reason
+        elif too_rare := self._too_rare_reason():
+            state = "degraded"
+            text += f"; {too_rare}"
         if self._dropped_setpoints:
             text += f"; {self._dropped_setpoints} setpoints dropped, the last: {self._drop_reason}"
         if self._fence.outside:

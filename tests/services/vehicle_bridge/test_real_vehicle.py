@@ -81,9 +81,26 @@ def test_odometry_that_comes_too_rarely_is_named_with_rate_line_and_parameter() 
 
     rig.autopilot.telemetry = every_twelfth  # type: ignore[method-assign]
     rig.run(30.0)
-    assert f"odometry comes at 4 Hz over {LINK}, and 20 Hz are needed" in rig.status.not_ready_reason
+    assert f"odometry comes at 4 Hz over {LINK}, and any flight needs 8 Hz" in rig.status.not_ready_reason
     assert "MAV_1_RATE" in rig.status.not_ready_reason
     assert not rig.status.ready
+
+
+def test_a_line_that_is_enough_to_fly_may_be_too_little_for_a_landing_on_the_rover() -> None:
+    rig = real().fly()
+    telemetry = rig.autopilot.telemetry
+
+    def every_fifth() -> bytes:
+        return telemetry() if rig.t_ns // 20_000_000 % 5 == 0 else b""
+
+    rig.autopilot.telemetry = every_fifth  # type: ignore[method-assign]
+    rig.run(30.0)
+    refusal = rig.acquire("land_on_spot").reason
+    assert refusal.startswith(
+        f"odometry comes at 10 Hz over {LINK}, and land on spot needs 15 Hz: raise PX4's SER_TEL2_BAUD"
+    )
+    assert refusal.endswith("jezero return lands with 8 Hz")
+    assert rig.acquire("return_home").granted
 
 
 def test_ardupilot_is_refused_with_what_it_lacks_and_gets_no_command() -> None:
