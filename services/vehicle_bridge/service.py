@@ -46,6 +46,9 @@ LINK = "autopilot"
 STATUS_PERIOD_NS = 100_000_000
 STREAM_PERIOD_NS = 50_000_000
 """Period of an unchanged target: the autopilot needs more than 2 Hz in offboard mode, a hover is streamed at 10 Hz."""
+NARROW_STREAM_PERIOD_NS = 33_000_000
+"""Shortest period of setpoints on a narrow line. More would wait in its buffer until the autopilot follows old
+ones, which look like somebody else's."""
 HEARTBEAT_PERIOD_NS = 1_000_000_000
 INTERVALS_PERIOD_NS = 5_000_000_000
 """Period of the requests for telemetry: an autopilot that has restarted needs a new one."""
@@ -207,7 +210,7 @@ class VehicleBridge:
         received_ns, rate = self._link.telemetry.received_wall_ns, self._link.rate
         if rate is None or received_ns is None:
             return
-        if wall_ns - received_ns > LINK_TIMEOUT_S * NS_PER_S:
+        if self._link.refusal or wall_ns - received_ns > LINK_TIMEOUT_S * NS_PER_S:
             rate.restart()
         elif rate.update(wall_ns, self._round_trip_ns):
             self._intervals_wall_ns = -INTERVALS_PERIOD_NS
@@ -350,6 +353,8 @@ class VehicleBridge:
             yield "the autopilot has not reported yet whether it is armed"
         if setting := link.parameters.pending:
             yield f"the autopilot's parameters are being set: {', '.join(setting)}"
+        if link.rate is not None and link.rate.hz is None:
+            yield f"the rate of odometry over {self._config.link} is being measured, for some seconds"
         if not telemetry.armable:
             warning = link.warning(self._timer.now_ns)
             because = f": {warning}" if warning else ""
@@ -383,12 +388,15 @@ class VehicleBridge:
     def _stream(self, t_ns: int) -> Iterator[Output]:
         """Send the target to the autopilot, when it is another one or due again.
 
-        Each accepted setpoint is another target, even with the numbers of the last one, and goes out at once.
+        Each accepted setpoint is another target, even with the numbers of the last one, and goes out at once, but on a
+        narrow line.
         """
         target, (last, sent_ns), timer_ns = self._authority.streamed, self._sent, self._timer.now_ns
+        is_narrow = self._link.rate is not None and self._link.rate.narrow
+        period_ns = STREAM_PERIOD_NS if target is last else NARROW_STREAM_PERIOD_NS if is_narrow else 0
         if target is None:
             self._foreign_setpoints.reset()
-        elif target is not last or timer_ns - sent_ns >= STREAM_PERIOD_NS:
+        elif timer_ns - sent_ns >= period_ns:
             yield Send(LINK, self._link.setpoint(target, t_ns))
             self._foreign_setpoints.add_sent(target, timer_ns)
             self._sent = (target, timer_ns)

@@ -128,8 +128,28 @@ def test_a_flying_ardupilot_is_not_taken_back() -> None:
 def test_px4_in_its_place_is_flown() -> None:
     rig = real()
     rig.autopilot.kind = dialect.MAV_AUTOPILOT_GENERIC
-    rig.run(5.0)
+    rig.run(10.0)
     assert "runs no PX4 (its HEARTBEAT names autopilot 0)" in rig.status.not_ready_reason
     rig.autopilot.kind = dialect.MAV_AUTOPILOT_PX4
-    rig.run(5.0)
+    rig.run(10.0)
+    assert rig.status.ready, rig.status.not_ready_reason
+    assert rig.bridge._link.rate is not None and not rig.bridge._link.rate.narrow
+
+
+def test_a_narrow_line_gets_no_more_setpoints_than_it_carries() -> None:
+    rig = real().ready()
+    assert rig.bridge._link.rate is not None
+    rig.bridge._link.rate.narrow = True
+    control_id = rig.acquire("takeoff").control_id
+    rig.autopilot.setpoints.clear()
+    rig.run(2.0, lambda: rig.setpoint(control_id, Phase.TAKEOFF))  # 50 a second
+    assert 45 <= len(rig.autopilot.setpoints) <= 61
+
+
+def test_nothing_takes_off_before_the_rate_is_known() -> None:
+    rig = real()
+    rig.run(3.0)
+    assert f"the rate of odometry over {LINK} is being measured" in rig.status.not_ready_reason
+    assert "is being measured" in rig.acquire("takeoff").reason
+    rig.run(6.0)
     assert rig.status.ready, rig.status.not_ready_reason
