@@ -4,9 +4,9 @@ import pytest
 from msgspec.structs import replace
 
 from jezero.base.mavlink import dialect
-from jezero.schemas.commands import Hover, Phase
+from jezero.schemas.commands import Hover, Kill, Phase
 from jezero.schemas.state import StatusCode
-from jezero.schemas.topics import HOVER
+from jezero.schemas.topics import HOVER, KILL
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from tests.services.vehicle_bridge.rig import FakeAutopilot, Rig
 
@@ -153,3 +153,12 @@ def test_nothing_takes_off_before_the_rate_is_known() -> None:
     assert "is being measured" in rig.acquire("takeoff").reason
     rig.run(6.0)
     assert rig.status.ready, rig.status.not_ready_reason
+
+
+def test_a_kill_reaches_ardupilot_too() -> None:
+    rig = real()
+    rig.autopilot.kind, rig.autopilot.armed = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, True
+    rig.run(3.0)
+    rig.post(KILL, Kill(confirm=True, vehicle="uav1"))
+    rig.run(1.0)
+    assert not rig.autopilot.armed
