@@ -63,6 +63,11 @@ def install_service(
     text = unit_text(profiles, command, user, groups, environment, folder)
     if out is None and not os.access(UNITS, os.W_OK):
         raise InstallError(f"only root may write into {UNITS}. Run:\n  {_with_sudo(environment, user)}")
+    if out is None and (closed := _closed_folder(Path(sys.executable), account)):
+        raise InstallError(
+            f"{user} can't start {sys.executable}, as {closed} is closed to others: install jezero outside of it, such "
+            "as in /opt"
+        )
     path.write_text(text, encoding="utf-8")
     path.chmod(0o644)
     if missing := sorted(set(GROUPS) - set(groups)):
@@ -117,7 +122,7 @@ def _checked_folder(folder: Path, account: pwd.struct_passwd) -> Path:
     if not folder.is_dir():
         make = shlex.join(["sudo", "install", "-d", "-m", "0700", "-o", name, "-g", group, str(folder)])
         raise InstallError(f"there is no run folder {folder}; make it with {make}")
-    if not _may_write(folder, account):
+    if not _may(0o3, folder, account):
         raise InstallError(
             f"{name} can't write into the run folder {folder}: choose a folder of {name}, or leave the option out"
         )
@@ -126,14 +131,22 @@ def _checked_folder(folder: Path, account: pwd.struct_passwd) -> Path:
     return folder
 
 
-def _may_write(folder: Path, account: pwd.struct_passwd) -> bool:
-    """Whether a user may make files in a folder, by its owner, group and mode."""
+def _closed_folder(program: Path, account: pwd.struct_passwd) -> Path | None:
+    """The first folder on the way to a program, or to what it is a link to, that a user may not enter."""
+    folders = (*reversed(program.parents), *reversed(program.resolve().parents))
+    return next((folder for folder in folders if not _may(0o1, folder, account)), None)
+
+
+def _may(wanted: int, folder: Path, account: pwd.struct_passwd) -> bool:
+    """Whether a user has all these permissions (1 enter, 2 write) for a folder, by its owner, group and mode."""
     state = folder.stat()
     if state.st_uid == account.pw_uid:
-        return state.st_mode & 0o300 == 0o300
-    if state.st_gid in os.getgrouplist(account.pw_name, account.pw_gid):
-        return state.st_mode & 0o030 == 0o030
-    return state.st_mode & 0o003 == 0o003
+        shift = 6
+    elif state.st_gid in os.getgrouplist(account.pw_name, account.pw_gid):
+        shift = 3
+    else:
+        shift = 0
+    return state.st_mode >> shift & wanted == wanted
 
 
 def _stack_environment() -> dict[str, str]:

@@ -4,6 +4,7 @@ import os
 import pwd
 import shutil
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
 import click.testing
@@ -109,6 +110,44 @@ def test_who_may_not_write_is_told_the_command(tmp_path: Path, monkeypatch: pyte
     command = done.stderr.splitlines()[-1].strip()
     assert command.startswith("sudo 'JEZERO_CONFIG_DIR=/opt/my config' ")
     assert command.endswith(f"install-service --profile onboard --user {USER.pw_name}")
+
+
+@pytest.fixture
+def systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[str, ...]]]:
+    """A computer that systemd runs, whose units are in `units`; gives the calls of systemctl."""
+    calls: list[tuple[str, ...]] = []
+    (tmp_path / "units").mkdir()
+    monkeypatch.setattr("jezero.cli.install_service.SYSTEMD", tmp_path)
+    monkeypatch.setattr("jezero.cli.install_service.UNITS", tmp_path / "units")
+    monkeypatch.setattr("jezero.cli.install_service._systemctl", lambda *words: calls.append(words))
+    yield calls
+
+
+def test_a_user_who_can_not_reach_the_interpreter_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, systemd: list[tuple[str, ...]]
+) -> None:
+    (tmp_path / "closed").mkdir(mode=0o700)
+    monkeypatch.setattr("sys.executable", str(tmp_path / "closed" / "python"))
+    done = install("--profile", "onboard", "--user", USER.pw_name)
+    assert done.exit_code == 3
+    assert "is closed to others" in done.stderr
+    assert not list((tmp_path / "units").iterdir()) and systemd == []
+
+
+def test_an_installed_unit_is_read_by_systemd_and_stopped_before_it_is_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, systemd: list[tuple[str, ...]]
+) -> None:
+    monkeypatch.setattr("jezero.cli.install_service._closed_folder", lambda program, account: None)
+    done = install("--profile", "onboard", "--profile", "rover", "--user", USER.pw_name)
+    assert done.exit_code == 0, done.output
+    unit = tmp_path / "units" / "jezero-onboard-rover.service"
+    assert "up --profile onboard --profile rover\n" in unit.read_text()
+    assert unit.stat().st_mode & 0o777 == 0o644
+    assert "sudo systemctl enable --now jezero-onboard-rover.service" in done.output
+    assert systemd == [("daemon-reload",)]
+    done = install("--profile", "onboard", "--profile", "rover", "--remove")
+    assert done.exit_code == 0 and not unit.exists()
+    assert systemd[1:] == [("disable", "--now", unit.name), ("daemon-reload",)]
 
 
 def test_remove_takes_the_unit_away_and_leaves_the_run_folder(tmp_path: Path) -> None:
