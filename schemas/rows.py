@@ -15,6 +15,10 @@ Host = Literal["vehicle", "rover"]
 Rank = Literal["viewer", "pilot", "service"]
 """Who may ask: everybody of the team, those who fly, or only services of the vehicle itself."""
 
+FLYING_ODOMETRY_MIN_HZ = 8.0
+"""Rate of odometry that any flight needs: a goal ends after 0.5 s without one, and three lost in a row must not end it.
+In virtual time the vehicle flies to points as well at 3 Hz as at 50, see `tests/scenario/test_odometry_rates.py`."""
+
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Payload)
 R = TypeVar("R", bound=Payload)
@@ -126,6 +130,7 @@ class Action(Generic[Q]):
         takes_pictures: whether the server also declares `image`; such an action also points the camera.
         changeable: fields of a goal that may change while it is flown.
         points_camera: whether the server also declares `command/camera_pitch`, so that a move may point the camera.
+        odometry_min_hz: rate of odometry below which the bridge of a real vehicle accepts none of its goals.
     """
 
     name: str
@@ -136,6 +141,7 @@ class Action(Generic[Q]):
     takes_pictures: bool = False
     changeable: tuple[str, ...] = ()
     points_camera: bool = False
+    odometry_min_hz: float = FLYING_ODOMETRY_MIN_HZ
 
     @cached_property
     def endpoint(self) -> Endpoint[Q, actions.Rejected]:

@@ -21,6 +21,7 @@ from jezero.deploy.launcher.health import HealthWatcher
 from jezero.deploy.launcher.output import Output
 from jezero.deploy.launcher.processes import Child, RestartPolicy, SpawnError, describe_exit, spawn
 from jezero.deploy.launcher.state import LaunchedService, RunFolder, RunState, ServiceState, start_ticks
+from jezero.deploy.launcher.systemd import SystemdNotifier
 from jezero.runtime.instance import Instance
 from jezero.schemas.health import GateLinks
 
@@ -77,6 +78,7 @@ class Launcher:
         compose_file: path of the compose file, for the state.
         external: services that another launcher runs; this one waits for them but does not start or stop them.
         terminal: gets every line of output; None when detached.
+        systemd: gets notifications; None where systemd has not started the launcher.
     """
 
     def __init__(
@@ -89,6 +91,7 @@ class Launcher:
         *,
         external: frozenset[str] = frozenset(),
         terminal: TextIO | None = None,
+        systemd: SystemdNotifier | None = None,
     ) -> None:
         self._slots = {name: _Slot(service, RestartPolicy(service)) for name, service in services.items()}
         for name in external.intersection(self._slots):
@@ -105,6 +108,7 @@ class Launcher:
         self._gate_watch = GateWatch()
         self._health = HealthWatcher(replace(instance, router=bus), self._wake, self._on_gate)
         self._freeze_detector = FreezeDetector()
+        self._systemd = systemd or SystemdNotifier({})
         self._sample_due_s = self._ask_due_s = time.monotonic()
         self._stop_requests = 0
         self._stopping: Iterator[list[str]] | None = None
@@ -127,6 +131,7 @@ class Launcher:
                 self._advance()
                 self._print_ready(start_s)
         self._output.close()
+        self._systemd.close()
         self._folder.release()
         return 1 if any(slot.state == "failed" for slot in self._slots.values()) else 0
 
@@ -145,6 +150,8 @@ class Launcher:
         due = [slot.due_s for slot in self._slots.values() if slot.due_s is not None]
         if self._stopping is None:
             due.append(self._sample_due_s)
+        if self._systemd.due_s is not None:
+            due.append(self._systemd.due_s)
         timeout_s = None if not due else max(0.0, min(due) - time.monotonic())
         for selected, _ in self._selector.select(timeout_s):
             name = selected.data
@@ -225,7 +232,12 @@ class Launcher:
                 self._sample_due_s = now_s + SAMPLE_PERIOD_S
                 self._kill_frozen(now_s)
                 self._watch_gate(now_s)
-        self._write()
+        reason = self._not_ready_reason()
+        self._write(reason)
+        # Not when the vehicle is ready, which may wait for GNSS for minutes: systemd watches only what has started.
+        stopping = self._stopping is not None
+        started = not stopping and all(slot.state != "waiting" for slot in self._slots.values())
+        self._systemd.update(now_s, reason or "ready", started=started, stopping=stopping)
 
     def _kill_frozen(self, now_s: float) -> None:
         """Kill frozen services, which are then restarted as after a crash."""
@@ -374,8 +386,12 @@ class Launcher:
                 self._output.print_line(line)
         self._ready_printed |= ready
 
-    def _write(self) -> None:
-        reason = self._not_ready_reason()
+    def _write(self, reason: str) -> None:
+        """Write the state, where it has changed.
+
+        Args:
+            reason: why the vehicle is not ready, or "".
+        """
         pid = os.getpid()
         state = RunState(
             launcher_pid=pid,

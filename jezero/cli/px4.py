@@ -125,6 +125,8 @@ def _ask(link: "SocketLink", system_id: int, wanted: list["Parameter"], address:
     exchange = ParameterExchange(system_id)
     exchange.read(each.name for each in wanted)
     _run(link, exchange)
+    if exchange.refusal:
+        raise click.ClickException(exchange.refusal)
     if not exchange.values:
         raise click.ClickException(
             f"no flight controller replies at {address or 'the link in vehicle_bridge.toml'}: is it plugged in, and "

@@ -34,6 +34,9 @@ SECTIONS: dict[str, dict[str, Listed]] = {
         "down": Listed("jezero.cli.stack", "down", "Stop the services."),
         "ps": Listed("jezero.cli.stack", "ps", "Show the state and health of the services."),
         "logs": Listed("jezero.cli.stack", "logs", "Show the output of the services."),
+        "install-service": Listed(
+            "jezero.cli.install_service", "install_service", "Start a stack at boot, by a systemd unit."
+        ),
         "info": Listed("jezero.cli.info", "info", "Show the declared services and topics."),
         "keys": Listed("jezero.cli.keys", "keys", "Make the certificates of a team's computers and people."),
     },

@@ -231,6 +231,7 @@ def _launch(
     from jezero.deploy.launcher.compose import at_bus
     from jezero.deploy.launcher.launcher import Launcher
     from jezero.deploy.launcher.start_checks import ROUTER, Claims, check_start, find_bus
+    from jezero.deploy.launcher.systemd import SystemdNotifier
     from jezero.services.vehicle_bridge.kept_fence import NAME as KEPT_FENCE
 
     with _sentences(folder), contextlib.closing(Claims()) as claims:
@@ -243,7 +244,10 @@ def _launch(
         services = at_bus(services, bus, str(folder.path), ROUTER)
         external = frozenset([ROUTER] if router_runs else [])
         terminal = None if detached else sys.stdout
-        return Launcher(services, folder, instance, bus, str(file), external=external, terminal=terminal).run()
+        systemd = SystemdNotifier(os.environ)
+        return Launcher(
+            services, folder, instance, bus, str(file), external=external, terminal=terminal, systemd=systemd
+        ).run()
 
 
 def _warn_if_insecure(links: "HostLinks") -> None:

@@ -35,6 +35,9 @@ def check_autopilot(readings: Readings) -> Check:
         return _check(
             "autopilot", "failed", status.not_ready_reason or f"the vehicle {STATUS_WORDS[StatusCode(status.code)]}"
         )
+    bridge = readings.health.get("vehicle_bridge")
+    if status.code == StatusCode.IDLE and bridge is not None and bridge.state == "degraded":
+        return _check("autopilot", "warning", bridge.text)
     if status.code == StatusCode.IDLE:
         return _check("autopilot", "passed", f"its arming checks pass in mode {status.autopilot_mode}")
     return _check("autopilot", "passed", f"it flies, in mode {status.autopilot_mode}")

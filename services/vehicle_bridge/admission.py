@@ -10,9 +10,11 @@ from jezero.base.frames import Vec3, altitude_m, horizontal
 from jezero.base.vehicle_config import VehicleConfig, VehicleLimitsConfig
 from jezero.schemas.commands import Acquire, Hover, Phase, Release, Setpoint
 from jezero.schemas.preflight import Override
+from jezero.schemas.rows import FLYING_ODOMETRY_MIN_HZ
 from jezero.schemas.state import STATUS_WORDS
 from jezero.schemas.state import StatusCode as Code
-from jezero.schemas.topics import ACTIONS
+from jezero.schemas.topics import ACTIONS, RETURN_HOME
+from jezero.services.vehicle_bridge.narrow_line import rate_refusal
 from jezero.services.vehicle_bridge.vehicle import LINK_TIMEOUT_S, Target, VehicleSnapshot
 
 OVERRIDABLE = frozenset(get_args(Override))
@@ -290,6 +292,7 @@ def _acquire_refusals(
         yield f"a takeoff needs a vehicle on the ground, and {status}: it flies already"
     if code is Code.HOVER and vehicle.telemetry_age_s > LINK_TIMEOUT_S:
         yield f"the autopilot's telemetry has been missing for {vehicle.telemetry_age_s:.1f} s: wait for it"
+    yield from _rate_refusals(request.action, code, vehicle)
     if code is Code.IDLE and not takes_off and not (moves and request.do_takeoff):
         hint = ", or let the goal begin with a takeoff" if moves else ""
         yield f"{in_words(request.action)} needs a hovering vehicle, and {status}: take off first{hint}"
@@ -303,6 +306,13 @@ def _acquire_refusals(
                 "takeoff --override NAME"
             )
         yield f"preflight checks have failed: {failed}. Put it right; jezero preflight checks again{advice}"
+
+
+def _rate_refusals(action: str, code: Code, vehicle: VehicleSnapshot) -> Iterator[str]:
+    """Why odometry comes too rarely for an action; a vehicle in the air has a way down all the same."""
+    if reason := rate_refusal(vehicle.odometry_hz, odometry_min_hz(action), in_words(action), vehicle.line):
+        way_down = f". jezero return lands with {RETURN_HOME.odometry_min_hz:g} Hz" if code is Code.HOVER else ""
+        yield reason + way_down
 
 
 def _overriding(request: Acquire, code: Code, vehicle: VehicleSnapshot) -> str:
@@ -320,6 +330,11 @@ def _checks_in_words(request: Acquire, vehicle: VehicleSnapshot, *, overridden: 
 def _phase_of(action: str) -> Phase:
     """The main phase of an action; an action that jezero doesn't have is one of an installed package."""
     return ACTIONS[action].phase if action in ACTIONS else Phase.ACTION
+
+
+def odometry_min_hz(action: str) -> float:
+    """Rate of odometry that an action needs."""
+    return ACTIONS[action].odometry_min_hz if action in ACTIONS else FLYING_ODOMETRY_MIN_HZ
 
 
 def _phases_of(action: str, code: Code) -> tuple[Phase, ...]:

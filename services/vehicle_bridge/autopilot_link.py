@@ -175,6 +175,7 @@ class AutopilotLink:
         fence: progress of the autopilot's own fence.
         rate: how often odometry comes; None where it isn't judged.
         acknowledged: the present command, once the autopilot has acknowledged it.
+        refusal: why nothing is taken from this autopilot, as it is none that jezero flies, or "".
     """
 
     def __init__(
@@ -191,6 +192,7 @@ class AutopilotLink:
         self._pair = PairedOdometry()
         self._fence_items = b""
         self.acknowledged: AutopilotCommand | None = None
+        self.refusal = ""
         self._system_id = system_id
         self._codec = MavlinkCodec(system_id, COMPONENT_ID, peer=(system_id, AUTOPILOT_COMPONENT_ID))
         self._present: AutopilotCommand | None = None
@@ -261,8 +263,9 @@ class AutopilotLink:
         batch = TelemetryBatch(timer_ns, wall_ns, epoch_id)
         for message in self._codec.parse(data):
             self.telemetry.received_wall_ns = wall_ns
-            handler = self._handlers.get(message.get_msgId())
-            if handler is not None:
+            kind = message.get_msgId()
+            handler = self._handlers.get(kind)
+            if handler is not None and (not self.refusal or kind == dialect.MAVLINK_MSG_ID_HEARTBEAT):
                 handler(message, batch)
         return batch
 
@@ -326,6 +329,11 @@ class AutopilotLink:
         batch.odometry.append(odometry)
 
     def _on_heartbeat(self, message: MavMessage, batch: TelemetryBatch) -> None:
+        if refusal := autopilot_refusal(message.autopilot):
+            self.refusal = refusal
+            self.telemetry = Telemetry(received_wall_ns=batch.wall_ns)  # its modes and numbers would be misread
+            return
+        self.refusal = ""
         self.telemetry.heartbeat_wall_ns = batch.wall_ns
         self.telemetry.armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
         self.telemetry.mode = mode_name(message.custom_mode)
@@ -512,6 +520,22 @@ class AutopilotLink:
                 self._system_id, AUTOPILOT_COMPONENT_ID, number, confirmation, p1, p2, p3, 0.0, 0.0, 0.0, 0.0
             )
         )
+
+
+def autopilot_refusal(kind: int) -> str:
+    """Reason why jezero doesn't fly an autopilot, or "".
+
+    Args:
+        kind: HEARTBEAT.autopilot.
+    """
+    if kind == dialect.MAV_AUTOPILOT_PX4:
+        return ""
+    if kind == dialect.MAV_AUTOPILOT_ARDUPILOTMEGA:
+        return (
+            "the flight controller runs ArduPilot, and jezero flies PX4 only: ArduPilot sends no ODOMETRY and no "
+            "counter of position resets, and numbers its modes in another way. Install PX4 on it"
+        )
+    return f"the flight controller runs no PX4 (its HEARTBEAT names autopilot {kind}), and jezero flies PX4 only"
 
 
 # -- contents of messages --------------------------------------------------------------------------------

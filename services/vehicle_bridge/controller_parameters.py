@@ -4,6 +4,7 @@ from collections.abc import Iterable
 
 from jezero.base.config import Config
 from jezero.base.mavlink import MavlinkCodec, dialect
+from jezero.services.vehicle_bridge.autopilot_link import autopilot_refusal
 from jezero.services.vehicle_bridge.config import ParameterName, ParameterValue
 from jezero.services.vehicle_bridge.parameters import TRIES, Value, decoded, encoded
 
@@ -49,12 +50,14 @@ class ParameterExchange:
         system_id: the controller's; 0 while it isn't known.
         values: parameters that the controller has reported, by name.
         unknown: names that it didn't reply to.
+        refusal: why this controller's parameters are left alone, as it has others than PX4, or "".
     """
 
     def __init__(self, system_id: int = 0) -> None:
         self.system_id = system_id
         self.values: dict[str, Value] = {}
         self.unknown: list[str] = []
+        self.refusal = ""
         self._codec = MavlinkCodec(255, COMPONENT_ID)
         self._wanted: dict[str, Value | None] = {}
         """Parameters to read, or to set to a value."""
@@ -81,8 +84,11 @@ class ParameterExchange:
             sender, kind = message.get_srcSystem(), message.get_msgId()
             if message.get_srcComponent() != CONTROLLER_ID:
                 continue
-            if kind == dialect.MAVLINK_MSG_ID_HEARTBEAT and not self.system_id:
+            if kind == dialect.MAVLINK_MSG_ID_HEARTBEAT and self.system_id in (0, sender):
                 self.system_id = sender
+                if refusal := autopilot_refusal(message.autopilot):
+                    self.refusal = refusal
+                    self._wanted.clear()
             if kind == dialect.MAVLINK_MSG_ID_PARAM_VALUE and sender == self.system_id:
                 self._on_value(message.param_id, decoded(message.param_value, message.param_type))
         out = b""

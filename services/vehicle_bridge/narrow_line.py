@@ -10,7 +10,7 @@ from jezero.base.frames import Quat, Vec3, add, norm, quat_from_rotation_vector,
 from jezero.schemas.units import NS_PER_S
 
 RATE_MIN_HZ = 20.0
-"""Odometry that flying needs; position and attitude reach 30 Hz at 57600 baud."""
+"""A line that carries ODOMETRY less often is too narrow for it; position and attitude reach 30 Hz at 57600 baud."""
 ROUND_TRIP_MAX_NS = 50_000_000
 """A line that answers no sooner is full: what it carries is old."""
 WINDOW_NS = 3 * NS_PER_S
@@ -20,6 +20,25 @@ STEP_MIN_M = 0.5
 """A change of position that the velocity doesn't explain is a step of the estimate from this size on."""
 PAIR_AGE_MAX_NS = 150_000_000
 """Longest time between the attitude and the position of a pair."""
+
+
+def rate_refusal(hz: float | None, needed_hz: float, action: str, line: str) -> str:
+    """Reason why odometry comes too rarely for an action, with what to do, or "".
+
+    Args:
+        hz: rate of odometry; None where it isn't judged, or it is too early.
+        needed_hz: rate that the action needs.
+        action: its name for people.
+        line: the link to the flight controller, as in the settings.
+    """
+    if hz is None or hz >= needed_hz:
+        return ""
+    faster = "raise MAV_2_RATE, or use a better network"
+    if line.startswith("serial:"):
+        faster = (
+            "raise PX4's SER_TEL2_BAUD and MAV_1_RATE (at TELEM1 SER_TEL1_BAUD and MAV_0_RATE), or use USB or Ethernet"
+        )
+    return f"odometry comes at {hz:.0f} Hz over {line}, and {action} needs {needed_hz:g} Hz: {faster}"
 
 
 class OdometryRate:

@@ -10,6 +10,7 @@ from jezero.runtime.service import Health, Inbox, Output, Publish, Reply, Send, 
 from jezero.schemas.fence import Fence
 from jezero.schemas.health import ServiceState
 from jezero.schemas.preflight import Check
+from jezero.schemas.rows import FLYING_ODOMETRY_MIN_HZ
 from jezero.schemas.state import Status, StatusCode
 from jezero.schemas.topics import (
     ABORT,
@@ -29,12 +30,12 @@ from jezero.schemas.topics import (
     UNKNOWN_ACTION,
 )
 from jezero.schemas.units import NS_PER_S
-from jezero.services.vehicle_bridge.admission import status_words
+from jezero.services.vehicle_bridge.admission import in_words, status_words
 from jezero.services.vehicle_bridge.authority import Authority, ControlState
 from jezero.services.vehicle_bridge.autopilot_link import AutopilotLink, TelemetryBatch
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.fence import FenceKeeper
-from jezero.services.vehicle_bridge.narrow_line import RATE_MIN_HZ
+from jezero.services.vehicle_bridge.narrow_line import rate_refusal
 from jezero.services.vehicle_bridge.requests import RequestQueue, unknown_action_reply
 from jezero.services.vehicle_bridge.takeover import ForeignSetpointDetector
 from jezero.services.vehicle_bridge.time_sync import ControllerClock, KeptEpoch
@@ -45,6 +46,9 @@ LINK = "autopilot"
 STATUS_PERIOD_NS = 100_000_000
 STREAM_PERIOD_NS = 50_000_000
 """Period of an unchanged target: the autopilot needs more than 2 Hz in offboard mode, a hover is streamed at 10 Hz."""
+NARROW_STREAM_PERIOD_NS = 33_000_000
+"""Shortest period of setpoints on a narrow line. More would wait in its buffer until the autopilot follows old
+ones, which look like somebody else's."""
 HEARTBEAT_PERIOD_NS = 1_000_000_000
 INTERVALS_PERIOD_NS = 5_000_000_000
 """Period of the requests for telemetry: an autopilot that has restarted needs a new one."""
@@ -206,10 +210,14 @@ class VehicleBridge:
         received_ns, rate = self._link.telemetry.received_wall_ns, self._link.rate
         if rate is None or received_ns is None:
             return
-        if wall_ns - received_ns > LINK_TIMEOUT_S * NS_PER_S:
+        if self._link.refusal or wall_ns - received_ns > LINK_TIMEOUT_S * NS_PER_S:
             rate.restart()
         elif rate.update(wall_ns, self._round_trip_ns):
             self._intervals_wall_ns = -INTERVALS_PERIOD_NS
+
+    @property
+    def _odometry_hz(self) -> float | None:
+        return None if self._link.rate is None else self._link.rate.hz
 
     @property
     def _round_trip_ns(self) -> int | None:
@@ -267,6 +275,8 @@ class VehicleBridge:
             acknowledged=self._link.acknowledged,
             command_failure=self._link.command_failure(timer_ns),
             router_lost_s=(inbox.wall_ns - (self._router_seen_wall_ns or 0)) * 1e-9,
+            odometry_hz=self._odometry_hz,
+            line=self._config.link,
         )
 
     def _failed_checks(self, t_ns: int, inbox: Inbox) -> tuple[Check, ...]:
@@ -325,18 +335,16 @@ class VehicleBridge:
     def _missing(self, telemetry_age_s: float) -> Iterator[str]:
         """What the system lacks for a takeoff, the first thing first."""
         link, telemetry = self._link, self._link.telemetry
+        if link.refusal:
+            yield link.refusal
         if self._epoch_id is None:
             yield self._no_time_reason()
         if telemetry.received_wall_ns is None:
             yield "no telemetry from the autopilot yet"
         if telemetry.odometry is None:
             yield "the autopilot sends no odometry yet: its estimator is still converging"
-        if link.rate is not None and link.rate.hz is not None and link.rate.hz < RATE_MIN_HZ:
-            yield (
-                f"odometry comes at {link.rate.hz:.0f} Hz over {self._config.link}, and {RATE_MIN_HZ:g} Hz are needed: "
-                f"raise the line's baud rate (PX4: SER_TEL1_BAUD or SER_TEL2_BAUD) and its rate (MAV_0_RATE or "
-                f"MAV_1_RATE), or use USB or Ethernet"
-            )
+        if refusal := rate_refusal(self._odometry_hz, FLYING_ODOMETRY_MIN_HZ, "any flight", self._config.link):
+            yield refusal
         if telemetry_age_s > LINK_TIMEOUT_S:
             yield f"the autopilot's telemetry has been missing for {telemetry_age_s:.0f} s"
         if telemetry.origin_deg is None:
@@ -345,10 +353,17 @@ class VehicleBridge:
             yield "the autopilot has not reported yet whether it is armed"
         if setting := link.parameters.pending:
             yield f"the autopilot's parameters are being set: {', '.join(setting)}"
+        if link.rate is not None and link.rate.hz is None:
+            yield f"the rate of odometry over {self._config.link} is being measured, for some seconds"
         if not telemetry.armable:
             warning = link.warning(self._timer.now_ns)
             because = f": {warning}" if warning else ""
             yield f"the autopilot's arming checks don't pass yet in mode {telemetry.mode}{because}"
+
+    def _too_rare_reason(self) -> str:
+        """Reason why odometry comes too rarely for one of jezero's actions, or ""."""
+        most = max(ACTIONS.values(), key=lambda action: action.odometry_min_hz)
+        return rate_refusal(self._odometry_hz, most.odometry_min_hz, in_words(most.name), self._config.link)
 
     def _no_time_reason(self) -> str:
         if self._controller is None:
@@ -373,12 +388,15 @@ class VehicleBridge:
     def _stream(self, t_ns: int) -> Iterator[Output]:
         """Send the target to the autopilot, when it is another one or due again.
 
-        Each accepted setpoint is another target, even with the numbers of the last one, and goes out at once.
+        Each accepted setpoint is another target, even with the numbers of the last one, and goes out at once, but on a
+        narrow line.
         """
         target, (last, sent_ns), timer_ns = self._authority.streamed, self._sent, self._timer.now_ns
+        is_narrow = self._link.rate is not None and self._link.rate.narrow
+        period_ns = STREAM_PERIOD_NS if target is last else NARROW_STREAM_PERIOD_NS if is_narrow else 0
         if target is None:
             self._foreign_setpoints.reset()
-        elif target is not last or timer_ns - sent_ns >= STREAM_PERIOD_NS:
+        elif timer_ns - sent_ns >= period_ns:
             yield Send(LINK, self._link.setpoint(target, t_ns))
             self._foreign_setpoints.add_sent(target, timer_ns)
             self._sent = (target, timer_ns)
@@ -396,7 +414,7 @@ class VehicleBridge:
 
     def _configure(self, vehicle: VehicleSnapshot, wall_ns: int) -> bytes:
         """Request telemetry and set parameters; neither while others fly and telemetry arrives."""
-        if self._link.telemetry.received_wall_ns is None:
+        if self._link.telemetry.received_wall_ns is None or self._link.refusal:
             return b""
         data = b""
         code = self._authority.code
@@ -480,6 +498,9 @@ class VehicleBridge:
             text = self._not_ready_reason(vehicle.telemetry_age_s)
         elif self._authority.code is StatusCode.IDLE and (reason := self._not_ready_reason(vehicle.telemetry_age_s)):
             state, text = "degraded", reason
+        elif too_rare := self._too_rare_reason():
+            state = "degraded"
+            text += f"; {too_rare}"
         if self._dropped_setpoints:
             text += f"; {self._dropped_setpoints} setpoints dropped, the last: {self._drop_reason}"
         if self._fence.outside:

@@ -83,6 +83,8 @@ class VehicleSnapshot(msgspec.Struct, frozen=True, kw_only=True):
         acknowledged: the present command, once the autopilot has acknowledged it.
         command_failure: the autopilot's reason for refusing a command, "" without one.
         router_lost_s: time since the bus's router was last reachable.
+        odometry_hz: rate of odometry; None where it isn't judged, or it is too early.
+        line: the link to a real flight controller, as in the settings; "" for the simulated one.
     """
 
     t_ns: int
@@ -106,6 +108,8 @@ class VehicleSnapshot(msgspec.Struct, frozen=True, kw_only=True):
     acknowledged: AutopilotCommand | None = None
     command_failure: str = ""
     router_lost_s: float = 0.0
+    odometry_hz: float | None = None
+    line: str = ""
 
     @property
     def yaw_rad(self) -> float:

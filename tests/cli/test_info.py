@@ -294,3 +294,11 @@ def test_the_how_to_names_the_defaults_of_the_environment_variables() -> None:
     for row in re.findall(r"^\| `JEZERO_.*$", reference_page("settings"), re.MULTILINE):
         name, _, _, default = (cell.strip().replace('"', "") for cell in row.split("|")[1:5])
         assert defaults[name.strip("`")] == default
+
+
+def test_no_cell_of_the_settings_is_too_long_to_read() -> None:
+    cells = [
+        cell for line in reference_page("settings").splitlines() if line.startswith("|") for cell in line.split(" | ")
+    ]
+    assert len(cells) > 500
+    assert max(map(len, cells)) < 400

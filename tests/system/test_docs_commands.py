@@ -1,4 +1,7 @@
-"""Every command and Python program of README and docs, run page by page as a reader would run them."""
+"""Every command and Python program of README and docs, run page by page as a reader would run them.
+
+The pages about a real vehicle are read with the twin in its place.
+"""
 
 import os
 import re
@@ -14,14 +17,39 @@ from typing import NamedTuple
 import click
 import pytest
 
+from jezero.calibration.board import Board
+from jezero.calibration.intrinsics import CameraIntrinsics
 from jezero.cli.main import main as jezero_command
 from jezero.schemas.state import StatusCode
+from tests.calibration.views import SIZE_PX, photographed, poses
 from tests.system.conftest import Stack, new_stack, wait_for
 
 ROOT = Path(__file__).parents[2]
 FIRST = ("README.md", "docs/getting-started.md")
 SHELL = ("", "sh", "console")
 DOCUMENTED_VEHICLE, DOCUMENTED_ROUTER = "uav1", "tcp/127.0.0.1:7447"
+TWIN_PAGES = (
+    "docs/how-to/your-drone.md",
+    "docs/how-to/use-a-real-rover.md",
+    "docs/how-to/use-a-uwb-module.md",
+    "docs/how-to/connect-a-camera.md",
+)
+"""Pages about a real vehicle."""
+TWIN, TWIN_SETTINGS = "jezero twin", Path("runs/twin/config")
+DEVICES = {"serial:/dev/ttyACM0:921600": "flight controller"}
+"""Documented addresses of devices, and the names by which the twin prints its own."""
+DOWN = "while the stack is down"
+DIFFERS = "jezero px4 parameters check"
+"""Ends with exit code 3 on the twin, whose controller doesn't know all of PX4's parameters."""
+ANSWERS = "y\n" * 20
+CAMCHAIN = """
+cam0:
+  camera_model: pinhole
+  intrinsics: [381.4, 381.4, 319.5, 239.5]
+  distortion_model: radtan
+  distortion_coeffs: [0.0, 0.0, 0.0, 0.0]
+  resolution: [640, 480]
+"""
 REASONS = {
     "asks questions",
     "downloads or installs",
@@ -29,10 +57,11 @@ REASONS = {
     "needs Docker",
     "needs PX4",
     "needs a file of your own",
-    "needs a flight controller",
     "needs a flight that ended early",
     "needs an installed package",
+    "needs your hand",
     "needs another computer",
+    "needs systemd",
     "part of a longer program",
     "starts a second stack",
     "takes minutes",
@@ -44,7 +73,7 @@ TAKE_OFF = ("takeoff", "mission run")
 CONNECTED = 'from jezero import Vehicle\nuav = Vehicle.connect("uav1")\n'
 """Stands before a Python block that uses a connected `uav`."""
 BLOCK_TIMEOUT_S = 900.0
-READY_TIMEOUT_S = 60.0
+READY_TIMEOUT_S, TWIN_READY_TIMEOUT_S = 60.0, 240.0
 INTERRUPT_TIMEOUT_S = 15.0
 
 
@@ -80,8 +109,8 @@ class Block(NamedTuple):
 def pages() -> list[str]:
     """README and docs: those for a new user first, then those that start a stack, then those that use a running one."""
     found = [*sorted(str(path.relative_to(ROOT)) for path in ROOT.glob("docs/**/*.md")), "CONTRIBUTING.md"]
-    others = [page for page in found if page not in FIRST]
-    return [*FIRST, *sorted(others, key=lambda page: not starts_stack(blocks_of(page)))]
+    others = [page for page in found if page not in (*FIRST, *TWIN_PAGES)]
+    return [*FIRST, *sorted(others, key=lambda page: not starts_stack(blocks_of(page))), *TWIN_PAGES]
 
 
 def blocks_of(page: str) -> list[Block]:
@@ -107,13 +136,13 @@ def blocks_of(page: str) -> list[Block]:
 
 def is_up(command: str) -> bool:
     """Whether a command starts a stack in the foreground."""
-    return re.search(r"\bjezero up *(#|$)", command) is not None
+    return re.search(r"\bjezero up( --profile \w+)* *(#|$)", command) is not None
 
 
 def starts_stack(blocks: list[Block]) -> bool:
     """Whether the page itself starts the stack that its commands use."""
     commands = [command for block in blocks if block.is_shell and not block.reason for command in block.commands]
-    return any(is_up(command) or re.search(r"\bjezero up -d\b", command) for command in commands)
+    return any(is_up(command) or re.search(r"\bjezero up( --profile \w+)* -d\b", command) for command in commands)
 
 
 def jezero_calls(block: Block) -> list[list[str]]:
@@ -143,17 +172,22 @@ class Reader:
         self._environment: dict[str, str] = {}
         self._up: subprocess.Popen[bytes] | None = None
         self._up_detached = False
+        self._twin: subprocess.Popen[bytes] | None = None
+        self._devices: dict[str, str] = {}
+        """Addresses of the twin's devices, by the documented ones."""
 
     def read(self, page: str, blocks: list[Block]) -> None:
         """Run the blocks of a page, in a new terminal."""
         self._environment = dict(self._stack.environment)
         shutil.rmtree(Path(self._environment["XDG_CONFIG_HOME"]) / "jezero" / "team", ignore_errors=True)
-        if starts_stack(blocks):
+        if page in TWIN_PAGES:
+            self._prepare_twin(starts_itself=starts_stack(blocks))
+        elif starts_stack(blocks):
             self.close()
         elif not self._up_detached:
             self._stack.up()
             self._up_detached = True
-        if not starts_stack(blocks):
+        if page not in TWIN_PAGES and not starts_stack(blocks):
             self._hover(takes_off=any(words in block.text for block in blocks for words in TAKE_OFF))
         try:
             for block in blocks:
@@ -164,8 +198,54 @@ class Reader:
         finally:
             self._interrupt_up()
 
+    def _prepare_twin(self, *, starts_itself: bool) -> None:
+        """Stop what runs, start the twin unless it runs, and a stack that flies it unless the page does."""
+        self._stop_stacks()
+        if self._twin is None:
+            self._start_twin()
+        self._environment["JEZERO_CONFIG_DIR"] = str(self._clone / TWIN_SETTINGS)
+        del self._environment["JEZERO_GROUND"]  # else the profile of the ground station, which a page starts, is empty
+        self._write_pictures()
+        if not starts_itself:
+            up = ["jezero", "up", "-d", "--wait", "--profile", "onboard", "--profile", "rover"]
+            self._shell([shlex.join([*up, "--timeout", str(TWIN_READY_TIMEOUT_S)])], "the stack that flies the twin")
+
+    def _start_twin(self) -> None:
+        output = self._clone.parent / "twin"
+        with output.open("w") as file:
+            self._twin = subprocess.Popen(
+                TWIN.split(), cwd=self._clone, env=self._stack.environment, stdin=subprocess.DEVNULL, stdout=file,
+                stderr=subprocess.STDOUT,
+            )  # fmt: skip
+        wait_for(lambda: "fly it with" in output.read_text(), TWIN_READY_TIMEOUT_S, TWIN)
+        for line in output.read_text().splitlines():
+            self._devices |= {known: line.split()[-1] for known, name in DEVICES.items() if line.startswith(name)}
+        assert self._devices.keys() == DEVICES.keys()
+
+    def _write_pictures(self) -> None:
+        """What needs a hand: pictures of the calibration board, and the result of a program that took some."""
+        import cv2
+
+        folder, board = self._clone / "runs" / "calibration", Board()
+        camera = CameraIntrinsics(SIZE_PX, (420.0, 420.0), (319.5, 239.5), "plumb_bob", (0.0,) * 5)
+        folder.mkdir(parents=True, exist_ok=True)
+        for number, (turn, place_m) in enumerate(poses(12, board, camera)):
+            cv2.imwrite(str(folder / f"{number}.png"), photographed(board, turn, place_m, camera, seed=number))
+        (self._clone / "camchain.yaml").write_text(CAMCHAIN)
+
+    @property
+    def _answers(self) -> str:
+        """What the reader types, where a command asks."""
+        return "" if self._twin is None else ANSWERS
+
     def close(self) -> None:
-        """Stop the stack, and those that a page has left."""
+        """Stop the stack, those that a page has left, and the twin."""
+        self._stop_stacks()
+        if self._twin is not None:
+            twin, self._twin = self._twin, None
+            _interrupt(twin, TWIN, timeout_s=READY_TIMEOUT_S)
+
+    def _stop_stacks(self) -> None:
         self._interrupt_up()
         self._stack.jezero("down", check=False)
         for run_dir in (self._clone / "runs").glob("*/"):
@@ -192,17 +272,24 @@ class Reader:
             return
         batch: list[str] = []
         for command in map(self._here, block.commands):
+            if re.search(rf"\b{TWIN}\b", command):
+                assert self._twin is not None
+                continue  # it runs already, for all pages
+            if DOWN in command:
+                self._interrupt_up()
             if is_up(command) or INTERRUPTED in command:
                 self._shell(batch, where)
                 batch = []
                 self._foreground(command, where)
             else:
-                batch.append(command)
+                batch.append(f"{command.partition('#')[0]} || test $? = 3" if DIFFERS in command else command)
         self._shell(batch, where)
 
     def _here(self, text: str) -> str:
         """The text, with this stack's name and address for the documented ones."""
         instance = self._stack.instance
+        for documented, device in self._devices.items():
+            text = text.replace(documented, device)
         text = text.replace(DOCUMENTED_ROUTER, instance.router)
         connected = f'Vehicle.connect("{instance.vehicle}", router="{instance.router}")'
         text = text.replace(f'Vehicle.connect("{DOCUMENTED_VEHICLE}")', connected)
@@ -221,7 +308,7 @@ class Reader:
     def _execute(self, words: list[str], where: str, shown: str) -> None:
         try:
             done = subprocess.run(
-                words, cwd=self._clone, env=self._environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                words, cwd=self._clone, env=self._environment, input=self._answers, stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT, text=True, timeout=BLOCK_TIMEOUT_S, check=False,
             )  # fmt: skip
         except subprocess.TimeoutExpired as error:
@@ -241,7 +328,8 @@ class Reader:
             self._interrupt_up()
             self._up = process
         expected = re.compile(r"^ready" if is_up(command) else r".", re.MULTILINE)
-        wait_for(lambda: expected.search(output.read_text()) or process.poll() is not None, READY_TIMEOUT_S, command)
+        timeout_s = READY_TIMEOUT_S if self._twin is None else TWIN_READY_TIMEOUT_S
+        wait_for(lambda: expected.search(output.read_text()) or process.poll() is not None, timeout_s, command)
         assert process.poll() is None, f"{where}: ended by itself: {command}\n{output.read_text()}"
         if process is not self._up:
             _interrupt(process, f"{where}: {command}")
@@ -252,10 +340,10 @@ class Reader:
             _interrupt(up, "jezero up")
 
 
-def _interrupt(process: subprocess.Popen[bytes], shown: str) -> None:
+def _interrupt(process: subprocess.Popen[bytes], shown: str, timeout_s: float = INTERRUPT_TIMEOUT_S) -> None:
     process.send_signal(signal.SIGINT)
     try:
-        code = process.wait(INTERRUPT_TIMEOUT_S)
+        code = process.wait(timeout_s)
     except subprocess.TimeoutExpired:
         process.kill()
         raise AssertionError(f"{shown}: runs on after Ctrl+C") from None

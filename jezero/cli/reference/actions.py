@@ -131,6 +131,7 @@ def _chapter(action: Action[Any], common: list[str]) -> Iterator[str]:
     if action.changeable:
         names = ", ".join(f"`{name}`" for name in action.changeable)
         yield f"May [change](../concepts/actions.md#pause-resume-modify) while it flies: {names}.\n"
+    yield f"A real vehicle needs {action.odometry_min_hz:g} odometries a second for it.\n"
     if action.name in EXAMPLES:
         yield _example(action, EXAMPLES[action.name])
     goal = [field for field in fields_of(action.goal_type) if field.name not in common]

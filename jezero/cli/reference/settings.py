@@ -127,6 +127,9 @@ def _sections(file: str, path: str, struct: type, shipped: msgspec.Struct | None
     for name, inner in {inner: (field.name, inner) for field in fields for inner in field.structs}.values():
         rows = [_plain_row(field) for field in fields_of(inner)]
         yield f"Each table of `{name}`: {escape(summary_of(inner))}\n\n{table(rows)}\n"
+    for field in fields:
+        if field.structs and (entries := getattr(shipped, field.name)):
+            yield f"Tables of `{field.name}` in the file:\n\n{table([_entry(each) for each in entries])}\n"
     for name, default in defaults.items():
         if not isinstance(default, VehicleConfig):  # it has a chapter of its own
             yield from _sections(file, f"{path}.{name}".strip("."), type(default), getattr(shipped, name))
@@ -139,11 +142,20 @@ def _defaults(struct: Any) -> dict[str, Any]:
 def _row(field: Field, struct: Any, shipped: Any) -> dict[str, str]:
     """A setting; its default names the value in the shipped file where that is another one."""
     value = getattr(shipped, field.name)
+    if field.structs:  # a table below shows them
+        shown = field.default if not value else f"{field.default}; in the file {len(value)} tables"
+        return _plain_row(field) | {"default": shown}
     shown = json_words(value)
     if value == _defaults(struct)[field.name] or shown == field.default:
         return _plain_row(field)
     shown = f"in the file: {len(value)} entries" if isinstance(value, dict) else f"{field.default}; in the file {shown}"
     return _plain_row(field) | {"default": shown}
+
+
+def _entry(entry: msgspec.Struct) -> dict[str, str]:
+    """The fields of one table of the file."""
+    shown = msgspec.structs.asdict(entry).items()
+    return {name: value if " " in str(value) else json_words(value).replace('"', "") for name, value in shown}
 
 
 def _plain_row(field: Field) -> dict[str, str]:

@@ -51,6 +51,12 @@ def test_a_flying_vehicle_passes_the_check_of_the_autopilot() -> None:
     assert "flies, in mode OFFBOARD" in check_autopilot(readings({STATUS.name: (flying,)})).text
 
 
+def test_a_line_that_carries_too_little_for_a_landing_is_a_warning() -> None:
+    narrow = health("vehicle_bridge", "degraded", "odometry comes at 10 Hz, and land on spot needs 15 Hz")
+    outcome = check_autopilot(readings(health={**readings().health, "vehicle_bridge": narrow}))
+    assert (outcome.verdict, outcome.text) == ("warning", narrow.text)
+
+
 def without(*names: str) -> dict[str, ServiceHealth]:
     return {name: found for name, found in readings().health.items() if name not in names}
 

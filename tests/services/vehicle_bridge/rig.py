@@ -44,11 +44,13 @@ class FakeAutopilot:
         reported_armed: an old arming state that its HEARTBEAT still reports; None for the true one.
         silent: it sends nothing.
         answers_timesync: it answers TIMESYNC.
+        kind: HEARTBEAT.autopilot.
     """
 
     def __init__(self, system_id: int = 1) -> None:
         self.codec = MavlinkCodec(system_id, 1)
         self.answers_timesync = True
+        self.kind = dialect.MAV_AUTOPILOT_PX4
         self.pos = [0.0, 0.0, 0.0]
         self.vel = [0.0, 0.0, 0.0]
         self.q = [1.0, 0.0, 0.0, 0.0]
@@ -186,7 +188,7 @@ class FakeAutopilot:
         base_mode = 1 | (dialect.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0)
         prearm = dialect.MAV_SYS_STATUS_PREARM_CHECK
         nan = [float("nan")] * 21
-        heartbeat = dialect.MAVLink_heartbeat_message(2, 12, base_mode, self.mode, self.system_status, 3)
+        heartbeat = dialect.MAVLink_heartbeat_message(2, self.kind, base_mode, self.mode, self.system_status, 3)
         origin = dialect.MAVLink_gps_global_origin_message(473977418, 85455938, 488000, 0)
         origins = () if self.origin_sent else (origin,)
         self.origin_sent = True

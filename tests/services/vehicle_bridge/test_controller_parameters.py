@@ -61,3 +61,12 @@ def test_another_systems_parameters_are_not_taken() -> None:
     list(run(exchange, autopilot))
     assert exchange.values == {}
     assert exchange.unknown == ["COM_OBL_RC_ACT"]
+
+
+def test_ardupilots_parameters_are_left_alone() -> None:
+    exchange = ParameterExchange()
+    exchange.set("COM_OBL_RC_ACT", 4)
+    autopilot = FakeAutopilot()
+    exchange.step(autopilot.codec.pack(dialect.MAVLink_heartbeat_message(2, 3, 0, 0, 3, 3)), 0)
+    assert exchange.done and exchange.refusal.startswith("the flight controller runs ArduPilot")
+    assert autopilot.set_parameters == []

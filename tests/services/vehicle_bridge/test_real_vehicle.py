@@ -5,8 +5,9 @@ from msgspec.structs import replace
 
 from jezero.base.mavlink import dialect
 from jezero.runtime.service import Health
-from jezero.schemas.commands import Phase
+from jezero.schemas.commands import Hover, Kill, Phase
 from jezero.schemas.state import StatusCode
+from jezero.schemas.topics import HOVER, KILL
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from tests.services.vehicle_bridge.rig import FakeAutopilot, Rig
 
@@ -81,7 +82,7 @@ def test_odometry_that_comes_too_rarely_is_named_with_rate_line_and_parameter() 
 
     rig.autopilot.telemetry = every_twelfth  # type: ignore[method-assign]
     rig.run(30.0)
-    assert f"odometry comes at 4 Hz over {LINK}, and 20 Hz are needed" in rig.status.not_ready_reason
+    assert f"odometry comes at 4 Hz over {LINK}, and any flight needs 8 Hz" in rig.status.not_ready_reason
     assert "MAV_1_RATE" in rig.status.not_ready_reason
     assert not rig.status.ready
 
@@ -101,3 +102,81 @@ def test_the_health_says_that_no_rangefinder_is_there_until_one_is() -> None:
     )
     rig.run(2.0)
     assert missing not in health()
+
+
+def test_a_line_that_is_enough_to_fly_may_be_too_little_for_a_landing_on_the_rover() -> None:
+    rig = real().fly()
+    telemetry = rig.autopilot.telemetry
+
+    def every_fifth() -> bytes:
+        return telemetry() if rig.t_ns // 20_000_000 % 5 == 0 else b""
+
+    rig.autopilot.telemetry = every_fifth  # type: ignore[method-assign]
+    rig.run(30.0)
+    refusal = rig.acquire("land_on_spot").reason
+    assert refusal.startswith(
+        f"odometry comes at 10 Hz over {LINK}, and land on spot needs 15 Hz: raise PX4's SER_TEL2_BAUD"
+    )
+    assert refusal.endswith("jezero return lands with 8 Hz")
+    assert rig.acquire("return_home").granted
+
+
+def test_ardupilot_is_refused_with_what_it_lacks_and_gets_no_command() -> None:
+    rig = real()
+    rig.autopilot.kind = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
+    rig.run(10.0)
+    assert not rig.status.ready
+    assert rig.status.not_ready_reason.startswith("the flight controller runs ArduPilot, and jezero flies PX4 only")
+    assert "no ODOMETRY" in rig.status.not_ready_reason
+    assert rig.odometry == []  # although it sends what would be read as position and attitude
+    assert "runs ArduPilot" in rig.acquire("takeoff", "g1").reason
+    assert not rig.request(HOVER, Hover()).hover_mode
+    assert rig.autopilot.commands == rig.autopilot.setpoints == []
+
+
+def test_a_flying_ardupilot_is_not_taken_back() -> None:
+    rig = real()
+    rig.autopilot.kind, rig.autopilot.armed, rig.autopilot.landed = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, True, False
+    rig.run(10.0)
+    assert not rig.request(HOVER, Hover()).hover_mode
+    rig.run(2.0)
+    assert rig.autopilot.commands == rig.autopilot.setpoints == []
+
+
+def test_px4_in_its_place_is_flown() -> None:
+    rig = real()
+    rig.autopilot.kind = dialect.MAV_AUTOPILOT_GENERIC
+    rig.run(10.0)
+    assert "runs no PX4 (its HEARTBEAT names autopilot 0)" in rig.status.not_ready_reason
+    rig.autopilot.kind = dialect.MAV_AUTOPILOT_PX4
+    rig.run(10.0)
+    assert rig.status.ready, rig.status.not_ready_reason
+    assert rig.bridge._link.rate is not None and not rig.bridge._link.rate.narrow
+
+
+def test_a_narrow_line_gets_no_more_setpoints_than_it_carries() -> None:
+    rig = real().ready()
+    assert rig.bridge._link.rate is not None
+    rig.bridge._link.rate.narrow = True
+    control_id = rig.acquire("takeoff").control_id
+    rig.autopilot.setpoints.clear()
+    rig.run(2.0, lambda: rig.setpoint(control_id, Phase.TAKEOFF))  # 50 a second
+    assert 45 <= len(rig.autopilot.setpoints) <= 61
+
+
+def test_nothing_takes_off_before_the_rate_is_known() -> None:
+    rig = real()
+    rig.run(3.0)
+    assert f"the rate of odometry over {LINK} is being measured" in rig.status.not_ready_reason
+    assert "is being measured" in rig.acquire("takeoff").reason
+    rig.run(6.0)
+    assert rig.status.ready, rig.status.not_ready_reason
+
+
+def test_a_kill_reaches_ardupilot_too() -> None:
+    rig = real()
+    rig.autopilot.kind, rig.autopilot.armed = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, True
+    rig.run(3.0)
+    rig.post(KILL, Kill(confirm=True, vehicle="uav1"))
+    rig.run(1.0)
+    assert not rig.autopilot.armed
