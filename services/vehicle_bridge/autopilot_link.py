@@ -36,6 +36,8 @@ BATTERY_CRITICAL = "BAT_CRIT_THR"
 """Parameter with the battery's critical level. The autopilot sends it on request, and when it changes."""
 CRITICAL_MISSING_PERIOD_NS = 2_000_000_000
 """Period of the requests for this parameter."""
+VERSION_MISSING_PERIOD_NS = 2_000_000_000
+"""Period of the requests for AUTOPILOT_VERSION to a real flight controller."""
 WARNING_MAX_AGE_NS = 6_000_000_000
 """An older warning of the autopilot doesn't explain a refusal."""
 FORCE = 21196.0
@@ -49,7 +51,6 @@ INTERVALS_US = {
     dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: 30_000,
 }
 """Period of each MAVLink message that the bridge requests from the autopilot, in µs."""
-OFF = -1
 HARDWARE_INTERVALS_US = {**INTERVALS_US, dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: 40_000}
 """The same of a real flight controller, which has the rangefinder."""
 OFF = -1
@@ -116,6 +117,7 @@ class Telemetry:
         resets: steps of the position estimate.
         warning: last STATUSTEXT of severity warning or worse.
         warning_ns: timer's time of `warning`.
+        version: of a real flight controller, as AUTOPILOT_VERSION carries it.
     """
 
     received_wall_ns: int | None = None
@@ -133,6 +135,7 @@ class Telemetry:
     resets: ResetHistory = field(default_factory=ResetHistory)
     warning: str = ""
     warning_ns: int = 0
+    version: int | None = None
 
 
 class TelemetryBatch(msgspec.Struct):
@@ -199,6 +202,7 @@ class AutopilotLink:
         self._refusal = ""
         self._origin_request_wall_ns: int | None = None
         self._critical_request_wall_ns: int | None = None
+        self._version_request_wall_ns: int | None = None
         self._statustext: tuple[int, str] = (0, "")
         """Id and text so far of the last STATUSTEXT, which may come in chunks."""
         self._handlers: dict[int, Callable[[MavMessage, TelemetryBatch], None]] = {
@@ -215,6 +219,7 @@ class AutopilotLink:
             dialect.MAVLINK_MSG_ID_PARAM_VALUE: self._on_parameter,
             dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: self._on_distance,
             dialect.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
+            dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self._on_version,
             dialect.MAVLINK_MSG_ID_MISSION_REQUEST: self._on_fence_message,
             dialect.MAVLINK_MSG_ID_MISSION_REQUEST_INT: self._on_fence_message,
             dialect.MAVLINK_MSG_ID_MISSION_ACK: self._on_fence_message,
@@ -238,7 +243,7 @@ class AutopilotLink:
         self.fence.restart()
         self.command(None, 0)
         self._refusal = ""
-        self._origin_request_wall_ns = self._critical_request_wall_ns = None
+        self._origin_request_wall_ns = self._critical_request_wall_ns = self._version_request_wall_ns = None
         if self.rate is not None:
             self.rate.restart()
 
@@ -390,6 +395,9 @@ class AutopilotLink:
         if message.tc1 != 0:  # else it is a request of the autopilot, which needs no reply to fly
             batch.time_replies.append((message.tc1, message.ts1))
 
+    def _on_version(self, message: MavMessage, _batch: TelemetryBatch) -> None:
+        self.telemetry.version = message.flight_sw_version
+
     def _on_distance(self, message: MavMessage, batch: TelemetryBatch) -> None:
         """A range without its limits met nothing, and one of quality 1 is invalid."""
         t_ns, last = message.time_boot_ms * 1_000_000, self.telemetry.altimeter
@@ -445,6 +453,16 @@ class AutopilotLink:
         name = BATTERY_CRITICAL.encode("ascii")
         request = dialect.MAVLink_param_request_read_message(self._system_id, AUTOPILOT_COMPONENT_ID, name, -1)
         return self._codec.pack(request)
+
+    def request_version(self, wall_ns: int) -> bytes:
+        """Request the version of a real flight controller when that is due."""
+        last_ns = self._version_request_wall_ns
+        if self.rate is None or self.telemetry.version is not None:
+            return b""
+        if last_ns is not None and wall_ns - last_ns < VERSION_MISSING_PERIOD_NS:
+            return b""
+        self._version_request_wall_ns = wall_ns
+        return self._request_message(dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
 
     def request_intervals(self) -> bytes:
         """Request the telemetry that the bridge needs."""

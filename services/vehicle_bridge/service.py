@@ -33,6 +33,7 @@ from jezero.services.vehicle_bridge.admission import status_words
 from jezero.services.vehicle_bridge.authority import Authority, ControlState
 from jezero.services.vehicle_bridge.autopilot_link import AutopilotLink, TelemetryBatch
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
+from jezero.services.vehicle_bridge.controller_version import version_refusal, version_text
 from jezero.services.vehicle_bridge.fence import FenceKeeper
 from jezero.services.vehicle_bridge.narrow_line import RATE_MIN_HZ
 from jezero.services.vehicle_bridge.requests import RequestQueue, unknown_action_reply
@@ -329,6 +330,8 @@ class VehicleBridge:
             yield self._no_time_reason()
         if telemetry.received_wall_ns is None:
             yield "no telemetry from the autopilot yet"
+        if refusal := version_refusal(telemetry.version):
+            yield refusal
         if telemetry.odometry is None:
             yield "the autopilot sends no odometry yet: its estimator is still converging"
         if link.rate is not None and link.rate.hz is not None and link.rate.hz < RATE_MIN_HZ:
@@ -407,6 +410,7 @@ class VehicleBridge:
                 data += self._link.request_intervals()
             data += self._link.request_origin(wall_ns)
             data += self._link.request_battery_critical(wall_ns)
+            data += self._link.request_version(wall_ns)
         if code not in (StatusCode.IDLE, StatusCode.EXTERNAL) or self._authority.taking_back:
             data += self._link.request_heartbeat(wall_ns)
         if vehicle.armed is False and code is StatusCode.IDLE:
@@ -490,6 +494,8 @@ class VehicleBridge:
             text += f"; the line is too narrow for ODOMETRY: position and attitude instead, {rate.hz:.0f} Hz"
         if self._controller is not None and (offset := self._controller.sync.offset) is not None:
             text += f"; {offset.text}"
+            if (version := self._link.telemetry.version) is not None:
+                text += f"; {version_text(version)}"
             if self._link.telemetry.altimeter is None:
                 text += "; the flight controller sends no DISTANCE_SENSOR: without a rangefinder nothing lands"
         if self._link.parameters.failed:

@@ -44,11 +44,13 @@ class FakeAutopilot:
         reported_armed: an old arming state that its HEARTBEAT still reports; None for the true one.
         silent: it sends nothing.
         answers_timesync: it answers TIMESYNC.
+        version: its version, as AUTOPILOT_VERSION carries it.
     """
 
     def __init__(self, system_id: int = 1) -> None:
         self.codec = MavlinkCodec(system_id, 1)
         self.answers_timesync = True
+        self.version = 1 << 24 | 15 << 16 | 2 << 8 | 255
         self.pos = [0.0, 0.0, 0.0]
         self.vel = [0.0, 0.0, 0.0]
         self.q = [1.0, 0.0, 0.0, 0.0]
@@ -111,6 +113,10 @@ class FakeAutopilot:
         elif message_id == dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN:
             self.origin_requests += 1
             self.origin_sent = False
+        elif message_id == dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
+            nothing = [0] * 8
+            message = dialect.MAVLink_autopilot_version_message(0, self.version, 0, 0, 0, *[nothing] * 3, 0, 0, 0)
+            self.unasked += self.codec.pack(message)
 
     def _do(self, message: Any) -> bytes:
         result, text = dialect.MAV_RESULT_ACCEPTED, ""
