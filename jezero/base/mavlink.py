@@ -96,6 +96,10 @@ class Signing:
         return True
 
 
+UNIX_2015_S = 1_420_070_400
+"""Begin of the time of signatures, in Unix time."""
+
+
 LAZY_NUMBERS_MIN = 40
 """A message with more numbers than this is decoded only when one of its fields is read."""
 
@@ -335,6 +339,8 @@ class MavlinkCodec:
         """System and component id of the last sender that is not the peer; None while there was none."""
         self.bad_signatures = 0
         """Number of messages without an accepted signature."""
+        self.unchecked_signatures = 0
+        """Number of messages with a signature that wasn't checked, as there is no `signing`."""
 
     def pack_numbers(self, pack: FramePacker, *numbers: Any) -> bytes:
         """Pack a message from all its numbers."""
@@ -403,11 +409,17 @@ class MavlinkCodec:
             elif message.get_msgId() >= 0:
                 if peer is None or peer == (message.get_srcSystem(), message.get_srcComponent()):
                     good.append(message)
+                    self.unchecked_signatures += self._signing is None and _is_signed(message)
                 else:
                     self.other_sender = (message.get_srcSystem(), message.get_srcComponent())
             elif not isinstance(message, dialect.MAVLink_unknown):
                 self.malformed += 1
         self._incomplete = self._mav.buf_len() > 0
+
+
+def _is_signed(message: MavMessage) -> bool:
+    frame = message.get_msgbuf()
+    return len(frame) > 2 and frame[0] == Signing.MARKER and bool(frame[2] & Signing.SIGNED)
 
 
 def is_finite(message: MavMessage, *fields: str) -> bool:

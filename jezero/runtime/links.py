@@ -414,12 +414,14 @@ def _line_error(error: Exception) -> str:
 ADDRESSES = "serial:DEVICE:BAUD, udpin:ADDRESS:PORT, udpout:HOST:PORT or tcp:HOST:PORT"
 
 
-def link_of(name: str, address: str) -> SocketLink:
+def link_of(name: str, address: str, *, signed: bool = False, remedy: str = "") -> SocketLink:
     """The link that an address names.
 
     Args:
         name: of the setting, for the error.
         address: one of `ADDRESSES`.
+        signed: whether its messages are signed, so that it may lead to another computer.
+        remedy: what makes this kind of link safe, for the error; "" for nothing.
 
     Raises:
         ConfigError: the address is malformed, or leads to another computer without a person's permission.
@@ -429,7 +431,8 @@ def link_of(name: str, address: str) -> SocketLink:
     found = re.fullmatch(r"(udpin|udpout|tcp):([^:]+):(\d{1,5})", address)
     if found is None or not 1 <= int(found[3]) <= 65535:
         raise ConfigError(f"{name} is {address!r}: write {ADDRESSES}")
-    kind, host, port = found[1], checked_host(name, found[2]), int(found[3])
+    kind, port = found[1], int(found[3])
+    host = checked_host(name, found[2], signed=signed, remedy=remedy)
     if kind == "udpin":
         return UdpListener(host, port)
     if kind == "udpout":

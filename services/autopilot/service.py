@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import msgspec
 
+from jezero.base.mavlink import Signing
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.service import Health, Inbox, Output, Send, Spec
 from jezero.schemas.units import GRAVITY_MPS2
@@ -40,6 +41,7 @@ class Autopilot:
         insecurity: sentence that the health shows all the time; "" for none.
         kept_stamp: time stamp of signatures that was kept before the restart; -1 when there was none.
         keep_stamp: stores such a time stamp.
+        offboard_key: key of the signatures of the offboard link, 32 bytes; b"" leaves that link to `config.signing`.
     """
 
     def __init__(
@@ -51,6 +53,7 @@ class Autopilot:
         insecurity: str = "",
         kept_stamp: int = -1,
         keep_stamp: Callable[[int], None] = lambda _: None,
+        offboard_key: bytes = b"",
     ) -> None:
         made_with = {
             "config": msgspec.structs.replace(config, signing=SigningConfig()),  # recordings have no key
@@ -66,6 +69,8 @@ class Autopilot:
         self._airframe = vehicle.airframe
         self._signing = signing_by_link(config.signing, kept_stamp, keep_stamp)
         self._since_2015_10us = int(since_2015_s * 1e5)
+        if offboard_key:  # what was sent before the start isn't accepted; a kept time stamp would cost some seconds
+            self._signing[OFFBOARD] = Signing(offboard_key, self._since_2015_10us)
         self._started_wall_ns: int | None = None
         self._connections = 0
         self._health: Health | None = None

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import msgspec
 
 from jezero.base.frames import Quat, Vec3, quat_normalize, quat_rotate
-from jezero.base.mavlink import FieldReader, FramePacker, MavlinkCodec, MavMessage, dialect
+from jezero.base.mavlink import FieldReader, FramePacker, MavlinkCodec, MavMessage, Signing, dialect
 from jezero.schemas.sensors import Altimeter
 from jezero.schemas.state import Battery, Geodetic, Odometry
 from jezero.services.vehicle_bridge.fence import FenceUpload
@@ -171,6 +171,7 @@ class AutopilotLink:
         system_id: MAVLink system id of the vehicle; the bridge is another component of the same system.
         parameters: parameters to set on the autopilot.
         on_hardware: whether it is a real flight controller, with the rangefinder, on a line that may be too narrow.
+        signing: signs what is sent, and refuses what isn't signed; None for a link without signatures.
 
     Attributes:
         telemetry: the autopilot's reported state.
@@ -186,6 +187,7 @@ class AutopilotLink:
         parameters: Mapping[str, int | float] = MappingProxyType({}),
         *,
         on_hardware: bool = False,
+        signing: Signing | None = None,
     ) -> None:
         self.telemetry = Telemetry()
         self.parameters = ParameterSetter(parameters)
@@ -195,7 +197,7 @@ class AutopilotLink:
         self._fence_items = b""
         self.acknowledged: AutopilotCommand | None = None
         self._system_id = system_id
-        self._codec = MavlinkCodec(system_id, COMPONENT_ID, peer=(system_id, AUTOPILOT_COMPONENT_ID))
+        self._codec = MavlinkCodec(system_id, COMPONENT_ID, signing, peer=(system_id, AUTOPILOT_COMPONENT_ID))
         self._present: AutopilotCommand | None = None
         self._next_try_ns = 0
         self._tries = 0
@@ -229,6 +231,16 @@ class AutopilotLink:
     def malformed(self) -> int:
         """Number of byte sequences that were no message, and of messages with impossible numbers."""
         return self._codec.malformed
+
+    @property
+    def bad_signatures(self) -> int:
+        """Number of messages that were refused, as they had no valid signature."""
+        return self._codec.bad_signatures
+
+    @property
+    def unchecked_signatures(self) -> int:
+        """Number of signed messages of the autopilot on a link without signatures."""
+        return self._codec.unchecked_signatures
 
     @property
     def other_system_id(self) -> int | None:

@@ -32,4 +32,4 @@ def version_refusal(version: int | None) -> str:
     if not version or (version >> 24, version >> 16 & 0xFF) >= VERSION_MIN:
         return ""
     oldest = ".".join(map(str, VERSION_MIN))
-    return f"the flight controller has {version_text(version)}, whose failsafes were never tried: install {oldest} or newer"
+    return f"the flight controller has {version_text(version)}, which was never tried: install {oldest} or newer"

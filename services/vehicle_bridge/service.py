@@ -5,7 +5,9 @@ from dataclasses import replace
 from math import inf
 
 from jezero.base.frames import Quat, Vec3, add, altitude_m, horizontal
+from jezero.base.mavlink import Signing
 from jezero.base.vehicle_config import VehicleConfig
+from jezero.keys.controller_key import CONTROLLER_KEY_VARIABLE
 from jezero.runtime.service import Health, Inbox, Output, Publish, Reply, Send, Spec, Subscribe
 from jezero.schemas.fence import Fence
 from jezero.schemas.health import ServiceState
@@ -86,6 +88,8 @@ class VehicleBridge:
         name: name of the vehicle, as in its keys.
         kept_epoch: the epoch of the bridge before, of a real vehicle; None without one.
         keep_epoch: keeps the epoch of a real vehicle over a restart of the bridge.
+        key: of the signatures of the autopilot's link, 32 bytes; b"" for a link without signatures.
+        since_2015_s: wall time at the start, for the time stamps of signatures.
     """
 
     def __init__(
@@ -101,6 +105,8 @@ class VehicleBridge:
         name: str = "uav1",
         kept_epoch: KeptEpoch | None = None,
         keep_epoch: Callable[[KeptEpoch], None] = lambda epoch: None,
+        key: bytes = b"",
+        since_2015_s: float = 0.0,
     ) -> None:
         made_with = {
             "config": config,
@@ -118,7 +124,11 @@ class VehicleBridge:
         self._config = config
         self._boot_id = boot_id
         self._actions = actions
-        self._link = AutopilotLink(system_id, {} if config.link else config.parameters, on_hardware=bool(config.link))
+        self._since_2015_10us = int(since_2015_s * 1e5)
+        # No message from before the start is accepted again. A kept time stamp would make the bridge deaf for seconds.
+        self._signing = Signing(key, self._since_2015_10us) if key else None
+        parameters = {} if config.link else config.parameters
+        self._link = AutopilotLink(system_id, parameters, on_hardware=bool(config.link), signing=self._signing)
         self._controller = ControllerClock(boot_id, kept_epoch, keep_epoch) if config.link else None
         """The clock of a real vehicle's flight controller; None where the simulator is the master of vehicle time."""
         self._foreign_setpoints = ForeignSetpointDetector()
@@ -147,6 +157,8 @@ class VehicleBridge:
         """Read telemetry, handle requests and setpoints, judge safety and time-outs, fly, publish; see `Service`."""
         if self._started_wall_ns is None:
             self._started_wall_ns = inbox.wall_ns
+        if self._signing is not None:
+            self._signing.clock_10us = self._since_2015_10us + (inbox.wall_ns - self._started_wall_ns) // 10_000
         if inbox.connected or self._router_seen_wall_ns is None:
             self._router_seen_wall_ns = inbox.wall_ns
         clock, before = inbox.latest(CLOCK), self._epoch_id
@@ -328,6 +340,8 @@ class VehicleBridge:
         link, telemetry = self._link, self._link.telemetry
         if self._epoch_id is None:
             yield self._no_time_reason()
+        if telemetry.received_wall_ns is None and link.bad_signatures:
+            yield self._signature_reason
         if telemetry.received_wall_ns is None:
             yield "no telemetry from the autopilot yet"
         if refusal := version_refusal(telemetry.version):
@@ -359,8 +373,22 @@ class VehicleBridge:
         if self._link.telemetry.received_wall_ns is None:
             if (other := self._link.other_system_id) is not None:
                 return f"the flight controller has MAVLink's system id {other}: set system_id in vehicle_bridge.toml"
+            if self._link.bad_signatures:
+                return self._signature_reason
             return f"nothing comes from the flight controller at {self._config.link}: is it plugged in and switched on?"
+        if self._link.unchecked_signatures:
+            return (
+                f"the flight controller signs its messages and takes no others: name its key with "
+                f"{CONTROLLER_KEY_VARIABLE}"
+            )
         return f"the flight controller at {self._config.link} doesn't answer TIMESYNC yet"
+
+    @property
+    def _signature_reason(self) -> str:
+        return (
+            f"{self._link.bad_signatures} messages of the flight controller had no valid signature: give it the key in "
+            f"{CONTROLLER_KEY_VARIABLE}, or unset that"
+        )
 
     def _moving_ground_reason(self) -> str:
         """Reason why nothing can take off from a moving rover, or "" while the vehicle stands still."""
@@ -489,22 +517,31 @@ class VehicleBridge:
         if self._fence.outside:
             state = "degraded"
         text += self._fence.health_text
-        rate = self._link.rate
-        if rate is not None and rate.narrow and rate.hz is not None:
-            text += f"; the line is too narrow for ODOMETRY: position and attitude instead, {rate.hz:.0f} Hz"
-        if self._controller is not None and (offset := self._controller.sync.offset) is not None:
-            text += f"; {offset.text}"
-            if (version := self._link.telemetry.version) is not None:
-                text += f"; {version_text(version)}"
-            if self._link.telemetry.altimeter is None:
-                text += "; the flight controller sends no DISTANCE_SENSOR: without a rangefinder nothing lands"
-        if self._link.parameters.failed:
-            text += f"; {self._link.parameters.failure_text}"
-        if self._link.malformed:
-            text += f"; {self._link.malformed} malformed MAVLink messages"
+        text += "".join(f"; {sentence}" for sentence in self._link_sentences())
         if (state, text) != self._health:
             self._health = (state, text)
             yield Health(state, text)
+
+    def _link_sentences(self) -> Iterator[str]:
+        """What there is to say about the link and the autopilot behind it."""
+        link = self._link
+        rate, version = link.rate, link.telemetry.version
+        if rate is not None and rate.narrow and rate.hz is not None:
+            yield f"the line is too narrow for ODOMETRY: position and attitude instead, {rate.hz:.0f} Hz"
+        if self._controller is not None and (offset := self._controller.sync.offset) is not None:
+            yield offset.text
+            if version is not None:
+                yield version_text(version)
+            if link.telemetry.altimeter is None:
+                yield "the flight controller sends no DISTANCE_SENSOR: without a rangefinder nothing lands"
+        if link.parameters.failed:
+            yield link.parameters.failure_text
+        if link.malformed:
+            yield f"{link.malformed} malformed MAVLink messages"
+        if link.bad_signatures:
+            yield f"{link.bad_signatures} messages without a valid signature were dropped"
+        if link.unchecked_signatures:
+            yield f"the autopilot signs its messages: name its key with {CONTROLLER_KEY_VARIABLE}"
 
 
 # -- time -------------------------------------------------------------------------------------------------

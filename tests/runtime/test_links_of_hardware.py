@@ -126,5 +126,8 @@ def test_a_wrong_address_is_refused_with_what_to_write(address: str) -> None:
 def test_a_link_to_another_computer_needs_a_persons_permission(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ConfigError, match="JEZERO_INSECURE"):
         link_of("link in x.toml", "udpin:0.0.0.0:14540")
+    with pytest.raises(ConfigError, match=r"write 127\.0\.0\.1, sign it, or set JEZERO_INSECURE=1"):
+        link_of("link in x.toml", "udpin:0.0.0.0:14540", remedy="sign it, ")
+    assert isinstance(link_of("link in x.toml", "udpin:0.0.0.0:14540", signed=True), UdpListener)
     monkeypatch.setenv("JEZERO_INSECURE", "1")
     assert isinstance(link_of("link in x.toml", "udpin:0.0.0.0:14540"), UdpListener)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from jezero.base.codec import decode, encode
-from jezero.base.mavlink import MavlinkCodec, dialect
+from jezero.base.mavlink import MavlinkCodec, Signing, dialect
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.service import Output, Publish, Reply, Request, Send
 from jezero.schemas.commands import Acquire, AcquireReply, Phase, Release, Setpoint
@@ -47,8 +47,8 @@ class FakeAutopilot:
         version: its version, as AUTOPILOT_VERSION carries it.
     """
 
-    def __init__(self, system_id: int = 1) -> None:
-        self.codec = MavlinkCodec(system_id, 1)
+    def __init__(self, system_id: int = 1, signing: Signing | None = None) -> None:
+        self.codec = MavlinkCodec(system_id, 1, signing)
         self.answers_timesync = True
         self.version = 1 << 24 | 15 << 16 | 2 << 8 | 255
         self.pos = [0.0, 0.0, 0.0]
@@ -266,17 +266,18 @@ class Box:
 class Rig:
     """Steps bridge and autopilot every 20 ms of vehicle time; wall time is the same unless set."""
 
-    def __init__(self, config: VehicleBridgeConfig | None = None, robot: VehicleConfig | None = None) -> None:
-        self.bridge = VehicleBridge(
-            config or VehicleBridgeConfig(), robot or VehicleConfig(), system_id=1, boot_id=BOOT_ID, secret=SECRET
-        )
+    def __init__(
+        self, config: VehicleBridgeConfig | None = None, robot: VehicleConfig | None = None, key: bytes = b""
+    ) -> None:
+        config, robot = config or VehicleBridgeConfig(), robot or VehicleConfig()
+        self.bridge = VehicleBridge(config, robot, system_id=1, boot_id=BOOT_ID, secret=SECRET, key=key)
         self.autopilot = FakeAutopilot()
         self.box = Box()
         self.t_ns = 1_000_000_000
         self.ahead_ns = 0
         """The bridge's estimate of vehicle time minus the true one."""
         self.epoch_id = 7
-        self.has_simulator = not (config or VehicleBridgeConfig()).link
+        self.has_simulator = not config.link
         """Whether a simulator publishes vehicle time; else the bridge does, and hears itself."""
         self.clocks: list[Clock] = []
         self.outputs: list[Output] = []

@@ -119,7 +119,7 @@ def test_an_older_version_than_the_oldest_that_was_tried_takes_nothing_off() -> 
     rig.run(10.0)
     assert not rig.status.ready
     assert rig.status.not_ready_reason == (
-        "the flight controller has PX4 1.14.3, whose failsafes were never tried: install 1.15 or newer"
+        "the flight controller has PX4 1.14.3, which was never tried: install 1.15 or newer"
     )
 
 
