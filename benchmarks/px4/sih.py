@@ -1,9 +1,9 @@
 """A flight of the stack without a simulator, with PX4 as a real flight controller: it simulates its vehicle itself.
 
-`JEZERO_PX4_DIR=<folder> python -m benchmarks.px4.sih [--link udp|udpout|pty] [--baud 921600]`: PX4 in its simulator
-SIH, and `jezero up --profile onboard --profile ground` with pictures of a folder in place of a camera. It takes off,
-flies to a point, takes pictures on a circle and returns home. Prints a table with durations, and errors by the
-vehicle's estimate and by PX4's simulated truth. `pty` is a serial line, at which PX4 has opened its own serial port.
+`JEZERO_PX4_DIR=<folder> python -m benchmarks.px4.sih [--link udp|udpout|pty] [--baud 921600] [--gimbal]`: PX4 in its
+simulator SIH, and `jezero up --profile onboard --profile ground` with pictures of a folder in place of a camera. It
+takes off, flies to a point, takes pictures on a circle and returns home. Prints a table with durations, and errors by
+the vehicle's estimate and by PX4's simulated truth. `pty` is a serial line, at which PX4 has opened its own port.
 
 The exit code is 1 when a goal failed, and the folder with all logs is kept then.
 """
@@ -19,7 +19,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from math import hypot, nan
+from math import degrees, hypot, nan
 from pathlib import Path
 
 import cv2
@@ -135,13 +135,15 @@ class SerialLines:
 
 
 @contextmanager
-def running_px4(folder: Path, instance: Instance, line: Path | None, baud: int) -> Iterator[None]:
+def running_px4(folder: Path, instance: Instance, line: Path | None, baud: int, gimbal: bool) -> Iterator[None]:
     """Run PX4 with its own simulator; its output is `px4.log`."""
     runtime = os.environ.get("JEZERO_PX4_DIR")
     command = list(px4.command(Path(runtime) if runtime else None, instance.number))
     command[-1] = str(START)
     variables = px4.environment(VehicleConfig().battery) | {"PX4_SIM_MODEL": MODEL, "PX4_SIMULATOR": "sihsim"}
     variables["PX4_START"] = str(px4.START)
+    if gimbal:
+        variables["PX4_GIMBAL"] = "1"
     if line is not None:
         variables |= {"PX4_LINE": str(line), "PX4_BAUD": str(baud)}
     place = folder / "px4"
@@ -174,13 +176,15 @@ def write_pictures(folder: Path) -> Path:
 
 
 @contextmanager
-def running_stack(folder: Path, instance: Instance, link: str) -> Iterator[Vehicle]:
+def running_stack(folder: Path, instance: Instance, link: str, gimbal: bool) -> Iterator[Vehicle]:
     """Run the stack of a vehicle's computer, and the ground station; yields a client of it."""
     settings = folder / "config"
     shutil.copytree(config_directory(), settings)
     set_field(settings / "vehicle_bridge.toml", "link", f'"{link}"')
     set_field(settings / "vehicle_bridge.toml", "system_id", str(instance.system_id))
     set_field(settings / "camera_driver.toml", "source", f'"file:{write_pictures(folder / "pictures")}"')
+    if gimbal:
+        set_field(settings / "vehicle.toml", "gimbal", '"mavlink"', "camera")
     with socket.create_server((HOST, 0)) as probe:
         port = probe.getsockname()[1]
     set_field(settings / "ground_station.toml", "port", str(port))
@@ -265,6 +269,11 @@ class Flight:
         images = goal.result(GOAL_TIMEOUT_S).images
         if len(images) != IMAGES:
             raise RuntimeError(f"{len(images)} images instead of {IMAGES}")
+        pitch_deg = [degrees(image.pitch_camera_rad) for image in images]
+        print(
+            f"pitch of the camera: {min(pitch_deg):.0f} to {max(pitch_deg):.0f} degrees",
+            file=sys.stderr,
+        )
         estimate_m, truth_m = (max((each[i] for each in errors), default=nan) for i in (0, 1))
         height_m = max((each[2] for each in errors), key=abs, default=nan)
         name = f"circle of {RADIUS_M:g} m, {IMAGES} images"
@@ -276,7 +285,7 @@ def _off_circle(from_center_m: Vec3) -> float:
     return hypot(hypot(from_center_m[0], from_center_m[1]) - RADIUS_M, from_center_m[2])
 
 
-def fly(folder: Path, kind: str, baud: int) -> tuple[float, list[Row], str]:
+def fly(folder: Path, kind: str, baud: int, gimbal: bool) -> tuple[float, list[Row], str]:
     """Fly over a link.
 
     Returns:
@@ -296,8 +305,8 @@ def fly(folder: Path, kind: str, baud: int) -> tuple[float, list[Row], str]:
             stack.callback(lines.close)
             line, links["pty"] = lines.controller.path, f"serial:{lines.stack.path}:{baud}"
         start_s = time.monotonic()
-        stack.enter_context(running_px4(folder, instance, line, baud))
-        vehicle = stack.enter_context(running_stack(folder, instance, links[kind]))
+        stack.enter_context(running_px4(folder, instance, line, baud, gimbal))
+        vehicle = stack.enter_context(running_stack(folder, instance, links[kind], gimbal))
         vehicle.wait_ready(READY_TIMEOUT_S)
         ready_s = time.monotonic() - start_s
         flight = Flight(vehicle, truth)
@@ -313,10 +322,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--link", choices=("udp", "udpout", "pty"), default="udp")
     parser.add_argument("--baud", type=int, default=921_600, help="of the pty")
+    parser.add_argument("--gimbal", action="store_true", help="the camera is on a gimbal that PX4 manages")
     options = parser.parse_args()
     folder = Path(tempfile.mkdtemp(prefix="jezero-sih-"))
     print(f"logs: {folder}", file=sys.stderr)
-    ready_s, rows, failure = fly(folder, options.link, options.baud)
+    ready_s, rows, failure = fly(folder, options.link, options.baud, options.gimbal)
     print(f"{options.link}: ready after {ready_s:.0f} s\n")
     print("| goal | time (s) | off, by the estimate (m) | off, by the truth (m) | of it vertical (m) |")
     print("|---|---|---|---|---|")

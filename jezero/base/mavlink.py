@@ -8,7 +8,7 @@ import hashlib
 import hmac
 import math
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from functools import cache, cached_property
 from operator import attrgetter, itemgetter
 from typing import Any
@@ -313,6 +313,7 @@ class MavlinkCodec:
         component_id: MAVLink component id of this side.
         signing: signs packed messages, and drops received ones that it does not accept.
         peer: system and component id of the only sender whose messages are returned. None: all senders.
+        others: components of the peer's system whose messages are returned, too.
     """
 
     def __init__(
@@ -322,9 +323,10 @@ class MavlinkCodec:
         signing: Signing | None = None,
         *,
         peer: tuple[int, int] | None = None,
+        others: Collection[int] = (),
     ) -> None:
         self._signing = signing
-        self._peer = peer
+        self._peers = None if peer is None else frozenset((peer, *((peer[0], component) for component in others)))
         self._packer = dialect.MAVLink(_Sink(), srcSystem=system_id, srcComponent=component_id)
         if signing is not None:
             self._packer.signing.secret_key = signing.key
@@ -383,7 +385,7 @@ class MavlinkCodec:
         Returns:
             The number of bytes parsed.
         """
-        at, end, peer = 0, len(data), self._peer
+        at, end, peers = 0, len(data), self._peers
         while end - at >= 12 and data[at] == 0xFD and data[at + 2] == 0:
             stop = at + 12 + data[at + 1]
             layout = _layout(data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16)
@@ -392,7 +394,7 @@ class MavlinkCodec:
             message = layout.parse(data[at:stop])
             if message is None:
                 break
-            if peer is None or peer == (data[at + 5], data[at + 6]):
+            if peers is None or (data[at + 5], data[at + 6]) in peers:
                 into.append(message)
             else:
                 self.other_sender = (data[at + 5], data[at + 6])
@@ -401,13 +403,13 @@ class MavlinkCodec:
 
     def _parse_with_pymavlink(self, data: bytes, good: list[MavMessage]) -> None:
         """Parse signed and incomplete frames, and messages with text, with pymavlink."""
-        peer = self._peer
+        peers = self._peers
         for message in self._mav.parse_buffer(data) or []:
             rejected = self._signing is not None and message.get_msgId() >= 0 and not self._signing.accepts(message)
             if rejected:
                 self.bad_signatures += 1
             elif message.get_msgId() >= 0:
-                if peer is None or peer == (message.get_srcSystem(), message.get_srcComponent()):
+                if peers is None or (message.get_srcSystem(), message.get_srcComponent()) in peers:
                     good.append(message)
                     self.unchecked_signatures += self._signing is None and _is_signed(message)
                 else:

@@ -7,11 +7,14 @@ import msgspec
 
 from jezero.base.mavlink import Signing
 from jezero.base.vehicle_config import VehicleConfig
-from jezero.runtime.service import Health, Inbox, Output, Send, Spec
+from jezero.runtime.service import Health, Inbox, Output, Publish, Send, Spec
+from jezero.schemas.commands import CameraPitch
+from jezero.schemas.topics import SIMULATED_GIMBAL
 from jezero.schemas.units import GRAVITY_MPS2
 from jezero.services.autopilot.alignment import Fix
 from jezero.services.autopilot.config import AutopilotConfig, SigningConfig
 from jezero.services.autopilot.estimator import StateEstimator
+from jezero.services.autopilot.gimbal import NOBODY
 from jezero.services.autopilot.hil import HilLink, RangeSample, SensorSample
 from jezero.services.autopilot.mavlink_interface import MavlinkInterface, signing_by_link
 from jezero.services.autopilot.multicopter import MulticopterController
@@ -24,7 +27,13 @@ __all__ = ["GCS", "HIL", "OFFBOARD", "SPEC", "Autopilot"]
 HIL = "hil"
 GAP_MAX_US = 1_000_000
 
-SPEC = Spec(name="autopilot", links=(HIL, OFFBOARD, GCS), triggers=(HIL, OFFBOARD, GCS), rate_hz=10.0)
+SPEC = Spec(
+    name="autopilot",
+    outputs=(SIMULATED_GIMBAL,),
+    links=(HIL, OFFBOARD, GCS),
+    triggers=(HIL, OFFBOARD, GCS),
+    rate_hz=10.0,
+)
 
 
 class Autopilot:
@@ -103,6 +112,10 @@ class Autopilot:
             elif type(item) is RangeSample:
                 self._vehicle.newest_range = item
         yield from self._mavlink.handle_messages(inbox)
+        gimbal = self._vehicle.gimbal
+        if gimbal.controller != NOBODY and gimbal.move(self._vehicle.t_us):
+            angles = CameraPitch(t_ns=t_ns, pitch_camera_rad=gimbal.pitch_rad, roll_camera_rad=gimbal.roll_rad)
+            yield Publish(SIMULATED_GIMBAL, angles)
         yield from self._mavlink.send_telemetry(inbox)
         health = self._current_health(inbox)
         if health != self._health:

@@ -10,9 +10,11 @@ import msgspec
 
 from jezero.base.frames import Quat, Vec3, quat_normalize, quat_rotate
 from jezero.base.mavlink import FieldReader, FramePacker, MavlinkCodec, MavMessage, Signing, dialect
-from jezero.schemas.sensors import Altimeter
+from jezero.schemas.sensors import Altimeter, CameraAttitude
 from jezero.schemas.state import Battery, Geodetic, Odometry
 from jezero.services.vehicle_bridge.fence import FenceUpload
+from jezero.services.vehicle_bridge.gimbal import INTERVALS_US as GIMBAL_INTERVALS_US
+from jezero.services.vehicle_bridge.gimbal import GimbalClient
 from jezero.services.vehicle_bridge.narrow_line import OdometryRate, PairedOdometry
 from jezero.services.vehicle_bridge.parameters import ParameterSetter
 from jezero.services.vehicle_bridge.takeover import SetpointEcho
@@ -21,6 +23,8 @@ from jezero.services.vehicle_bridge.vehicle import AutopilotCommand, ResetHistor
 NS_PER_MS = 1_000_000
 COMPONENT_ID = dialect.MAV_COMP_ID_ONBOARD_COMPUTER
 AUTOPILOT_COMPONENT_ID = dialect.MAV_COMP_ID_AUTOPILOT1
+GIMBAL_COMPONENT_IDS = (154, 171, 172, 173, 174, 175)
+"""Components of gimbals, whose messages the flight controller passes on."""
 ACK_TIMEOUT_NS = 500_000_000
 """A command that is refused or not acknowledged is sent again after this time."""
 EFFECT_TIMEOUT_NS = 1_500_000_000
@@ -150,6 +154,7 @@ class TelemetryBatch(msgspec.Struct):
         setpoint_echo: the newest one.
         restarted: the autopilot's time stepped back.
         altimeter: ranges of the rangefinder that points down, in the autopilot's time.
+        camera: measured angles of a camera on a gimbal.
         time_replies: contents of each TIMESYNC reply: the autopilot's time, and the time stamp of the request, in ns.
     """
 
@@ -161,6 +166,7 @@ class TelemetryBatch(msgspec.Struct):
     setpoint_echo: SetpointEcho | None = None
     restarted: bool = False
     altimeter: list[Altimeter] = msgspec.field(default_factory=list)
+    camera: list[CameraAttitude] = msgspec.field(default_factory=list)
     time_replies: list[tuple[int, int]] = msgspec.field(default_factory=list)
 
 
@@ -171,6 +177,7 @@ class AutopilotLink:
         system_id: MAVLink system id of the vehicle; the bridge is another component of the same system.
         parameters: parameters to set on the autopilot.
         on_hardware: whether it is a real flight controller, with the rangefinder, on a line that may be too narrow.
+        gimbal: the gimbal that the flight controller manages; None without one.
         signing: signs what is sent, and refuses what isn't signed; None for a link without signatures.
 
     Attributes:
@@ -187,6 +194,7 @@ class AutopilotLink:
         parameters: Mapping[str, int | float] = MappingProxyType({}),
         *,
         on_hardware: bool = False,
+        gimbal: GimbalClient | None = None,
         signing: Signing | None = None,
     ) -> None:
         self.telemetry = Telemetry()
@@ -197,7 +205,14 @@ class AutopilotLink:
         self._fence_items = b""
         self.acknowledged: AutopilotCommand | None = None
         self._system_id = system_id
-        self._codec = MavlinkCodec(system_id, COMPONENT_ID, signing, peer=(system_id, AUTOPILOT_COMPONENT_ID))
+        self._gimbal = gimbal
+        self._codec = MavlinkCodec(
+            system_id,
+            COMPONENT_ID,
+            signing,
+            peer=(system_id, AUTOPILOT_COMPONENT_ID),
+            others=() if gimbal is None else GIMBAL_COMPONENT_IDS,
+        )
         self._present: AutopilotCommand | None = None
         self._next_try_ns = 0
         self._tries = 0
@@ -277,11 +292,29 @@ class AutopilotLink:
         """Update the telemetry with the bytes that arrived."""
         batch = TelemetryBatch(timer_ns, wall_ns, epoch_id)
         for message in self._codec.parse(data):
-            self.telemetry.received_wall_ns = wall_ns
             handler = self._handlers.get(message.get_msgId())
+            if self._gimbal is not None and self._on_gimbal(self._gimbal, message, batch):
+                continue
+            self.telemetry.received_wall_ns = wall_ns
             if handler is not None:
                 handler(message, batch)
         return batch
+
+    def _on_gimbal(self, gimbal: GimbalClient, message: MavMessage, batch: TelemetryBatch) -> bool:
+        """Take in a message about the gimbal; returns whether it is one, or another of a gimbal itself."""
+        odometry, kind = self.telemetry.odometry, message.get_msgId()
+        if kind == dialect.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS:
+            gimbal.on_status(message)
+        elif kind == dialect.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS:
+            try:
+                if odometry is not None:
+                    attitude = gimbal.on_attitude(message, odometry.t_ns, odometry.q_ned_from_frd, batch.wall_ns)
+                    batch.camera.append(attitude)
+            except ValueError:
+                self._codec.malformed += 1
+        else:
+            return bool(message.get_srcComponent() != AUTOPILOT_COMPONENT_ID)
+        return True
 
     def _on_odometry(self, message: MavMessage, batch: TelemetryBatch) -> None:
         try:
@@ -481,7 +514,16 @@ class AutopilotLink:
         command = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
         hardware_us = NARROW_INTERVALS_US if self._is_narrow else HARDWARE_INTERVALS_US
         intervals_us = INTERVALS_US if self.rate is None else hardware_us
+        if self._gimbal is not None:
+            intervals_us = intervals_us | GIMBAL_INTERVALS_US
         return b"".join(self._command_long(command, float(kind), float(us)) for kind, us in intervals_us.items())
+
+    def point_camera(self, wall_ns: int) -> bytes:
+        """Messages to the gimbal that are due."""
+        odometry = self.telemetry.odometry
+        if self._gimbal is None or odometry is None:
+            return b""
+        return b"".join(self._codec.pack(each) for each in self._gimbal.due(odometry.q_ned_from_frd, wall_ns))
 
     def set_parameters(self, wall_ns: int) -> bytes:
         """PARAM_SET of each parameter that is due."""

@@ -18,6 +18,8 @@ from jezero.schemas.topics import (
     ACQUIRE,
     ACTIONS,
     ALTIMETER,
+    CAMERA_ATTITUDE,
+    CAMERA_PITCH,
     CLOCK,
     FENCE,
     HOVER,
@@ -33,10 +35,16 @@ from jezero.schemas.topics import (
 from jezero.schemas.units import NS_PER_S
 from jezero.services.vehicle_bridge.admission import status_words
 from jezero.services.vehicle_bridge.authority import Authority, ControlState
-from jezero.services.vehicle_bridge.autopilot_link import AutopilotLink, TelemetryBatch
+from jezero.services.vehicle_bridge.autopilot_link import (
+    AUTOPILOT_COMPONENT_ID,
+    COMPONENT_ID,
+    AutopilotLink,
+    TelemetryBatch,
+)
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.controller_version import version_refusal, version_text
 from jezero.services.vehicle_bridge.fence import FenceKeeper
+from jezero.services.vehicle_bridge.gimbal import GimbalClient
 from jezero.services.vehicle_bridge.narrow_line import RATE_MIN_HZ
 from jezero.services.vehicle_bridge.requests import RequestQueue, unknown_action_reply
 from jezero.services.vehicle_bridge.takeover import ForeignSetpointDetector
@@ -62,7 +70,7 @@ SPEC = Spec(
     name="vehicle_bridge",
     inputs=(CLOCK, SETPOINT, PREFLIGHT),
     on_demand=(ALTIMETER,),
-    outputs=(ODOMETRY, STATUS, FENCE),
+    outputs=(ODOMETRY, STATUS, FENCE, CAMERA_ATTITUDE),
     last_value=(STATUS, FENCE),
     serves=(ACQUIRE, RELEASE, HOVER, ABORT, KILL, SET_FENCE, UNKNOWN_ACTION),
     links=(LINK,),
@@ -119,8 +127,10 @@ class VehicleBridge:
             "name": name,
             "kept_epoch": kept_epoch,
         }
+        has_gimbal = bool(config.link) and robot.camera.gimbal == "mavlink"
+        inputs = (*SPEC.inputs, *((CAMERA_PITCH,) if has_gimbal else ()))
         outputs = (*SPEC.outputs, *((CLOCK, ALTIMETER) if config.link else ()))
-        self.spec = replace(SPEC, outputs=outputs, rate_hz=config.rate_hz, made_with=made_with)
+        self.spec = replace(SPEC, inputs=inputs, outputs=outputs, rate_hz=config.rate_hz, made_with=made_with)
         self._config = config
         self._boot_id = boot_id
         self._actions = actions
@@ -128,7 +138,13 @@ class VehicleBridge:
         # No message from before the start is accepted again. A kept time stamp would make the bridge deaf for seconds.
         self._signing = Signing(key, self._since_2015_10us) if key else None
         parameters = {} if config.link else config.parameters
-        self._link = AutopilotLink(system_id, parameters, on_hardware=bool(config.link), signing=self._signing)
+        self._gimbal: GimbalClient | None = None
+        if has_gimbal:
+            rest_rad = (robot.camera.pitch_rest_rad, robot.camera.roll_offset_rad)
+            self._gimbal = GimbalClient((system_id, COMPONENT_ID), (system_id, AUTOPILOT_COMPONENT_ID), rest_rad)
+        self._link = AutopilotLink(
+            system_id, parameters, on_hardware=bool(config.link), gimbal=self._gimbal, signing=self._signing
+        )
         self._controller = ControllerClock(boot_id, kept_epoch, keep_epoch) if config.link else None
         """The clock of a real vehicle's flight controller; None where the simulator is the master of vehicle time."""
         self._foreign_setpoints = ForeignSetpointDetector()
@@ -176,6 +192,10 @@ class VehicleBridge:
         if self._controller is not None:
             for altimeter in batch.altimeter:
                 yield Publish(ALTIMETER, altimeter)
+            for attitude in batch.camera:
+                yield Publish(CAMERA_ATTITUDE, attitude)
+        if self._gimbal is not None:
+            self._gimbal.point(inbox.new(CAMERA_PITCH), inbox.wall_ns)
         vehicle = self._snapshot(self._vehicle_time_ns(t_ns), inbox)
         for odometry in batch.odometry:
             self._wind.update(odometry, vehicle)
@@ -188,7 +208,7 @@ class VehicleBridge:
         yield from self._fence.publish(self._link.telemetry.origin_deg, vehicle, inbox.wall_ns)
         yield from self._publish_status(vehicle, inbox.wall_ns)
         yield from self._subscribe()
-        yield from self._publish_health(vehicle)
+        yield from self._publish_health(vehicle, inbox.wall_ns)
 
     # -- inputs --------------------------------------------------------------------------------------------
 
@@ -439,6 +459,8 @@ class VehicleBridge:
             data += self._link.request_origin(wall_ns)
             data += self._link.request_battery_critical(wall_ns)
             data += self._link.request_version(wall_ns)
+        if code is not StatusCode.EXTERNAL:
+            data += self._link.point_camera(wall_ns)
         if code not in (StatusCode.IDLE, StatusCode.EXTERNAL) or self._authority.taking_back:
             data += self._link.request_heartbeat(wall_ns)
         if vehicle.armed is False and code is StatusCode.IDLE:
@@ -504,7 +526,7 @@ class VehicleBridge:
             self._altimeter_subscribed = needed
             yield Subscribe((ALTIMETER,) if needed else ())
 
-    def _publish_health(self, vehicle: VehicleSnapshot) -> Iterator[Output]:
+    def _publish_health(self, vehicle: VehicleSnapshot, wall_ns: int) -> Iterator[Output]:
         state: ServiceState = "ok"
         text = f"{status_words(self._authority.code)}; the autopilot is linked"
         if vehicle.telemetry_age_s > LINK_TIMEOUT_S or self._epoch_id is None:
@@ -517,6 +539,9 @@ class VehicleBridge:
         if self._fence.outside:
             state = "degraded"
         text += self._fence.health_text
+        if self._gimbal is not None and (problem := self._gimbal.problem(wall_ns)):
+            state = "degraded"
+            text += f"; {problem}"
         text += "".join(f"; {sentence}" for sentence in self._link_sentences())
         if (state, text) != self._health:
             self._health = (state, text)

@@ -15,7 +15,7 @@ from jezero.schemas.commands import Acquire, AcquireReply, Phase, Release, Setpo
 from jezero.schemas.rows import Endpoint
 from jezero.schemas.sensors import Altimeter
 from jezero.schemas.state import Clock, Odometry, Status
-from jezero.schemas.topics import ACQUIRE, ALTIMETER, CLOCK, FENCE, ODOMETRY, RELEASE, SETPOINT, STATUS
+from jezero.schemas.topics import ACQUIRE, ALTIMETER, CAMERA_ATTITUDE, CLOCK, FENCE, ODOMETRY, RELEASE, SETPOINT, STATUS
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.service import VehicleBridge
 
@@ -323,7 +323,7 @@ class Rig:
         self.outputs.append(output)
         if isinstance(output, Publish) and isinstance(output.message, Clock):
             self.clocks.append(output.message)
-        elif isinstance(output, Publish) and output.topic is not FENCE:
+        elif isinstance(output, Publish) and output.topic not in (FENCE, CAMERA_ATTITUDE):
             message = decode(output.topic.type, encode(output.message))
             (self.statuses if output.topic is STATUS else self.odometry).append(message)
             assert output.topic in (STATUS, ODOMETRY)
