@@ -11,6 +11,7 @@ The exit code is 1 when a goal failed, and the folder with all logs is kept then
 import argparse
 import os
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -324,6 +325,7 @@ def main() -> int:
     parser.add_argument("--baud", type=int, default=921_600, help="of the pty")
     parser.add_argument("--gimbal", action="store_true", help="the camera is on a gimbal that PX4 manages")
     options = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # the stack and PX4 are ended on the way out
     folder = Path(tempfile.mkdtemp(prefix="jezero-sih-"))
     print(f"logs: {folder}", file=sys.stderr)
     ready_s, rows, failure = fly(folder, options.link, options.baud, options.gimbal)

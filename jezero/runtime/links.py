@@ -26,6 +26,7 @@ PEER_SILENCE_MAX_NS = 5_000_000_000
 """Time after which another program may take the place of a silent sender of datagrams."""
 REFUSED_PERIOD_NS = 10_000_000_000
 """A program that is refused again and again is named once in this time."""
+OWN_PORT_ABOVE = 10_000
 CHUNK = 65_536
 READS_MAX = 16
 """Chunks that one poll reads: a peer that sends without end must not stop the loop."""
@@ -411,6 +412,14 @@ def _line_error(error: Exception) -> str:
     return f"it can't be opened: {error}"
 
 
+def own_port(peer_port: int) -> int:
+    """Port from which `udpout` sends to a peer's port: the same after a restart.
+
+    PX4 sends for ever to the port that it has first heard something from; a new port would be deaf.
+    """
+    return peer_port + OWN_PORT_ABOVE if peer_port + OWN_PORT_ABOVE <= 65_535 else peer_port - OWN_PORT_ABOVE
+
+
 ADDRESSES = "serial:DEVICE:BAUD, udpin:ADDRESS:PORT, udpout:HOST:PORT or tcp:HOST:PORT"
 
 
@@ -436,5 +445,5 @@ def link_of(name: str, address: str, *, signed: bool = False, remedy: str = "") 
     if kind == "udpin":
         return UdpListener(host, port)
     if kind == "udpout":
-        return Udp(("0.0.0.0", 0), (host, port), only_from_peer=True)
+        return Udp(("0.0.0.0", own_port(port)), (host, port), only_from_peer=True)
     return TcpClient(host, port, silence_max_s=SILENCE_MAX_S)
