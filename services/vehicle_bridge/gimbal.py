@@ -5,9 +5,11 @@ those of two axes on the body. Both are converted by the vehicle's attitude.
 """
 
 from collections.abc import Iterator, Sequence
+from math import pi
 
 from jezero.base.frames import (
     Quat,
+    euler_from_quat,
     gimbal_angles,
     q_frd_from_gimbal,
     q_level_from_frd,
@@ -38,6 +40,10 @@ EARTH_YAW = dialect.GIMBAL_DEVICE_FLAGS_YAW_IN_EARTH_FRAME
 YAW_LOCK = dialect.GIMBAL_DEVICE_FLAGS_YAW_LOCK
 VEHICLE_YAW = dialect.GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME
 ALL_DEVICES = 0
+STEEP_RAD = -1.4
+"""A camera that is to look down more steeply is sent straight down: there roll and yaw are one, and PX4, which limits
+each of them, would turn the gimbal to and fro. The measured angles hold in any case."""
+STRAIGHT_DOWN = quat_from_euler(0.0, -0.5 * pi, 0.0)
 UNKNOWN = float("nan")
 
 
@@ -90,6 +96,9 @@ class GimbalClient:
         if self._command is not None and wall_ns - self._command[1] <= HOLD_NS:
             pitch_rad, roll_rad = self._command[0].pitch_camera_rad, self._command[0].roll_camera_rad
         q_level = quat_multiply(q_level_from_frd(q_ned_from_frd), q_frd_from_gimbal(pitch_rad, roll_rad))
+        level_roll_rad, level_pitch_rad, _ = euler_from_quat(q_level)
+        if level_pitch_rad < STEEP_RAD or abs(level_roll_rad) > 0.5 * pi:
+            q_level = STRAIGHT_DOWN
         yield dialect.MAVLink_gimbal_manager_set_attitude_message(
             *self._manager, FLAGS, ALL_DEVICES, list(q_level), UNKNOWN, UNKNOWN, UNKNOWN
         )

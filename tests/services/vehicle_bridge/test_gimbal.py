@@ -106,7 +106,14 @@ def test_without_commands_the_camera_returns_to_rest() -> None:
         return gimbal_angles(tuple(message.q))
 
     assert sent(500)[0] == pytest.approx(-0.7)
-    assert sent(1_100)[0] == pytest.approx(-1.5708)
+    assert sent(1_100)[0] == pytest.approx(-pi / 2, abs=1e-4)
+
+
+@pytest.mark.parametrize("vehicle", [TILTED, quat_from_euler(0.1, 0.0, 0.0), quat_from_euler(0.0, -0.3, 1.0)])
+def test_a_leaning_vehicle_at_rest_sends_the_camera_straight_down_and_never_around(vehicle: Quat) -> None:
+    client = GimbalClient(BRIDGE, MANAGER, DOWN)
+    (message,) = [m for m in client.due(vehicle, 0) if m.get_msgId() == 282]
+    assert list(message.q) == pytest.approx(list(quat_from_euler(0.0, -pi / 2, 0.0)))
 
 
 def test_a_gimbal_that_is_silent_or_broken_is_named() -> None:
