@@ -230,6 +230,13 @@ class CameraFrame(Message, WithPixels, frozen=True, kw_only=True, omit_defaults=
     pixels: bytes = b""
 
 
+class CameraAttitude(Message, frozen=True, kw_only=True):
+    """Measured angles of a real camera on a gimbal, as in `CameraFrame`; `t_ns` is the measurement's time."""
+
+    pitch_camera_rad: Angle
+    roll_camera_rad: Angle
+
+
 JPEG_START = b"\xff\xd8\xff"
 PREVIEW_MAX_BYTES = 18_000
 """Size of a preview. Two in a second are 288 kbit/s, so that a radio of 1 Mbit/s has room for all other topics."""

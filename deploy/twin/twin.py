@@ -49,13 +49,13 @@ def write_settings(folder: Path, instance: Instance, baud: int) -> Path:
     """
     settings = folder / SETTINGS
     shutil.copytree(config_directory(), settings, dirs_exist_ok=True)
-    _set(settings / "vehicle_bridge.toml", "system_id", str(instance.system_id))
-    _set(settings / "vehicle_bridge.toml", "link", f'"serial:{folder / CONTROLLER}:{baud}"')
+    set_field(settings / "vehicle_bridge.toml", "system_id", str(instance.system_id))
+    set_field(settings / "vehicle_bridge.toml", "link", f'"serial:{folder / CONTROLLER}:{baud}"')
     return settings
 
 
-def _set(path: Path, field: str, value: str, table: str = "") -> None:
-    """Set a field of a table of a file, of its first table without one."""
+def set_field(path: Path, field: str, value: str, table: str = "") -> None:
+    """Set a field of a table of a file of settings; without a table, one that stands above all tables."""
     text = re.sub(rf"^{field} *=.*\n", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
     if not table:
         text = f"{field} = {value}\n{text}"
@@ -79,9 +79,9 @@ def running_hardware(folder: Path, drift_ppm: float) -> Iterator[Instance]:
     """
     settings, run_dir = folder / "hardware" / "config", folder / "hardware" / "run"
     shutil.copytree(config_directory(), settings, dirs_exist_ok=True)
-    _set(settings / "simulator.toml", "pace", f"{1.0 + 1e-6 * drift_ppm:.6f}")
-    _set(settings / "simulator.toml", "time_from_boot", "true")
-    _set(settings / "simulator.toml", "on_hil", "true", "altimeter")  # the rangefinder is the flight controller's
+    set_field(settings / "simulator.toml", "pace", f"{1.0 + 1e-6 * drift_ppm:.6f}")
+    set_field(settings / "simulator.toml", "time_from_boot", "true")
+    set_field(settings / "simulator.toml", "on_hil", "true", "altimeter")  # the rangefinder is the flight controller's
     with reserved_instance(VEHICLE) as instance:
         own = {"JEZERO_CONFIG_DIR": str(settings), "JEZERO_RUN_DIR": str(run_dir), "JEZERO_RECORD": "0"}
         dropped = ("JEZERO_LISTEN", "JEZERO_CONNECT", "JEZERO_KEYS")
@@ -162,10 +162,10 @@ def run_twin(folder: Path, baud: int, drift_ppm: float) -> int:
         serving_camera(instance) as camera,
     ):
         settings = write_settings(folder, instance, baud)
-        _set(settings / "camera_driver.toml", "source", f'"{camera}"')
-        _set(settings / "camera_driver.toml", "exposure_delay_s", f"{DELAY_S:g}")
+        set_field(settings / "camera_driver.toml", "source", f'"{camera}"')
+        set_field(settings / "camera_driver.toml", "exposure_delay_s", f"{DELAY_S:g}")
         for file, table, field, value in modules.settings:
-            _set(settings / f"{file}.toml", field, value, table)
+            set_field(settings / f"{file}.toml", field, value, table)
         twin = Twin(folder, instance, baud, modules)
         try:
             signal.signal(signal.SIGTERM, twin.stop)

@@ -25,6 +25,10 @@ EARTH_RADIUS_M = 6_371_000.0
 _SQRT_HALF = sqrt(0.5)
 
 
+GIMBAL_ACROSS_MIN = 0.05
+"""Sine of the angle between optical axis and body's forward axis, below which the axis doesn't tell the roll."""
+
+
 def ned_from_enu(v_enu: Vec3) -> Vec3:
     """Swap north and east and flip the vertical; its own inverse. Source: thesis eq. 2.1."""
     return (v_enu[1], v_enu[0], -v_enu[2])
@@ -274,6 +278,30 @@ def q_frd_from_camera(pitch_camera_rad: float, roll_camera_rad: float = 0.0, tur
     axes = quat_multiply(axes, quat_from_euler(0.0, pitch_camera_rad, 0.0))
     axes = quat_multiply(axes, (0.5, 0.5, 0.5, 0.5))
     return quat_normalize(quat_multiply(axes, (cos(0.5 * turn_camera_rad), 0.0, 0.0, sin(0.5 * turn_camera_rad))))
+
+
+def q_frd_from_gimbal(pitch_camera_rad: float, roll_camera_rad: float) -> Quat:
+    """Attitude in the body of a gimbal (forward along the optical axis, right, down) by the angles of the camera."""
+    return quat_multiply(quat_from_euler(roll_camera_rad, 0.0, 0.0), quat_from_euler(0.0, pitch_camera_rad, 0.0))
+
+
+def gimbal_angles(q_frd_from_gimbal: Quat) -> tuple[float, float]:
+    """Pitch and roll of the camera by the attitude of its gimbal in the body; inverse of `q_frd_from_gimbal`.
+
+    A turn about the optical axis is left out: the angles have none.
+    """
+    forward, right, down = quat_rotate(q_frd_from_gimbal, (1.0, 0.0, 0.0))
+    across, below = hypot(right, down), copysign(1.0, down)
+    pitch_rad = -below * atan2(across, forward)
+    if across > GIMBAL_ACROSS_MIN:
+        return pitch_rad, atan2(-below * right, below * down)
+    _, y, z = quat_rotate(q_frd_from_gimbal, (0.0, 1.0, 0.0))  # near the body's forward axis this one tells the roll
+    return pitch_rad, atan2(z, y)
+
+
+def q_level_from_frd(q_ned_from_frd: Quat) -> Quat:
+    """Roll and pitch of a vehicle: its attitude in the level frame that has its heading."""
+    return quat_multiply(quat_from_euler(0.0, 0.0, -yaw_from_quat(q_ned_from_frd)), q_ned_from_frd)
 
 
 def quat_between(a: Quat, b: Quat, fraction: float) -> Quat:

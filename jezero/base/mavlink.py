@@ -8,7 +8,7 @@ import hashlib
 import hmac
 import math
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from functools import cache, cached_property
 from operator import attrgetter, itemgetter
 from typing import Any
@@ -94,6 +94,10 @@ class Signing:
             self._keep(self._kept)
         self._last_timestamp[stream] = stamp
         return True
+
+
+UNIX_2015_S = 1_420_070_400
+"""Begin of the time of signatures, in Unix time."""
 
 
 LAZY_NUMBERS_MIN = 40
@@ -309,6 +313,7 @@ class MavlinkCodec:
         component_id: MAVLink component id of this side.
         signing: signs packed messages, and drops received ones that it does not accept.
         peer: system and component id of the only sender whose messages are returned. None: all senders.
+        others: components of the peer's system whose messages are returned, too.
     """
 
     def __init__(
@@ -318,9 +323,10 @@ class MavlinkCodec:
         signing: Signing | None = None,
         *,
         peer: tuple[int, int] | None = None,
+        others: Collection[int] = (),
     ) -> None:
         self._signing = signing
-        self._peer = peer
+        self._peers = None if peer is None else frozenset((peer, *((peer[0], component) for component in others)))
         self._packer = dialect.MAVLink(_Sink(), srcSystem=system_id, srcComponent=component_id)
         if signing is not None:
             self._packer.signing.secret_key = signing.key
@@ -335,6 +341,8 @@ class MavlinkCodec:
         """System and component id of the last sender that is not the peer; None while there was none."""
         self.bad_signatures = 0
         """Number of messages without an accepted signature."""
+        self.unchecked_signatures = 0
+        """Number of messages with a signature that wasn't checked, as there is no `signing`."""
 
     def pack_numbers(self, pack: FramePacker, *numbers: Any) -> bytes:
         """Pack a message from all its numbers."""
@@ -377,7 +385,7 @@ class MavlinkCodec:
         Returns:
             The number of bytes parsed.
         """
-        at, end, peer = 0, len(data), self._peer
+        at, end, peers = 0, len(data), self._peers
         while end - at >= 12 and data[at] == 0xFD and data[at + 2] == 0:
             stop = at + 12 + data[at + 1]
             layout = _layout(data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16)
@@ -386,7 +394,7 @@ class MavlinkCodec:
             message = layout.parse(data[at:stop])
             if message is None:
                 break
-            if peer is None or peer == (data[at + 5], data[at + 6]):
+            if peers is None or (data[at + 5], data[at + 6]) in peers:
                 into.append(message)
             else:
                 self.other_sender = (data[at + 5], data[at + 6])
@@ -395,19 +403,25 @@ class MavlinkCodec:
 
     def _parse_with_pymavlink(self, data: bytes, good: list[MavMessage]) -> None:
         """Parse signed and incomplete frames, and messages with text, with pymavlink."""
-        peer = self._peer
+        peers = self._peers
         for message in self._mav.parse_buffer(data) or []:
             rejected = self._signing is not None and message.get_msgId() >= 0 and not self._signing.accepts(message)
             if rejected:
                 self.bad_signatures += 1
             elif message.get_msgId() >= 0:
-                if peer is None or peer == (message.get_srcSystem(), message.get_srcComponent()):
+                if peers is None or (message.get_srcSystem(), message.get_srcComponent()) in peers:
                     good.append(message)
+                    self.unchecked_signatures += self._signing is None and _is_signed(message)
                 else:
                     self.other_sender = (message.get_srcSystem(), message.get_srcComponent())
             elif not isinstance(message, dialect.MAVLink_unknown):
                 self.malformed += 1
         self._incomplete = self._mav.buf_len() > 0
+
+
+def _is_signed(message: MavMessage) -> bool:
+    frame = message.get_msgbuf()
+    return len(frame) > 2 and frame[0] == Signing.MARKER and bool(frame[2] & Signing.SIGNED)
 
 
 def is_finite(message: MavMessage, *fields: str) -> bool:

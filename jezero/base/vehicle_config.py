@@ -6,7 +6,7 @@ down. The errors of the sensors and the simulated world are in the services' own
 """
 
 from math import hypot, radians, sqrt, tan
-from typing import Annotated, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 from msgspec import UNSET, Meta
 
@@ -64,6 +64,8 @@ class CameraMountConfig(Config, frozen=True, kw_only=True):
         roll_offset_rad: roll of the camera at rest, about the body's forward axis; positive points to the left.
         turn_rad: how far the camera is turned about its optical axis, clockwise in the direction of view; at 0 the top
             of an image is ahead.
+        gimbal: what turns a real camera: `fixed` for nothing, so that the angles at rest hold; `mavlink` for a gimbal
+            that the flight controller manages. The simulated camera turns in any case.
         distortion_model: model of the lens, by ROS' name.
         distortion: the lens' coefficients, as OpenCV's calibration gives them: k1, k2, p1, p2, k3 of plumb_bob; k1, k2,
             p1, p2, k3, k4, k5, k6 of rational_polynomial; k1, k2, k3, k4 of equidistant.
@@ -85,6 +87,7 @@ class CameraMountConfig(Config, frozen=True, kw_only=True):
     pitch_offset_rad: Annotated[float, Meta(ge=-0.8, le=1.5708)] = 0.0
     roll_offset_rad: Annotated[float, Meta(ge=-0.8, le=0.8)] = 0.0
     turn_rad: Annotated[float, Meta(ge=-3.1416, le=3.1416)] = 0.0
+    gimbal: Literal["fixed", "mavlink"] = "fixed"
     distortion_model: DistortionModel = "plumb_bob"
     distortion: Distortion = NO_DISTORTION
 

@@ -106,6 +106,7 @@ def _read(file: Path | None) -> list["Parameter"]:
 
 
 def _open(address: str) -> "SocketLink":
+    from jezero.keys.controller_key import REMEDY, controller_key
     from jezero.runtime.links import link_of
     from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 
@@ -113,20 +114,28 @@ def _open(address: str) -> "SocketLink":
     if not (address or configured):
         place = config_directory() / "vehicle_bridge.toml"
         raise click.ClickException(f"no flight controller is named: give --link, or set link in {place}")
-    link = link_of("--link" if address else "link in vehicle_bridge.toml", address or configured)
+    name = "--link" if address else "link in vehicle_bridge.toml"
+    link = link_of(name, address or configured, signed=bool(controller_key()), remedy=REMEDY)
     link.start()
     return link
 
 
 def _ask(link: "SocketLink", system_id: int, wanted: list["Parameter"], address: str) -> "ParameterExchange":
     """Read the parameters."""
+    from jezero.base.mavlink import UNIX_2015_S
+    from jezero.keys.controller_key import CONTROLLER_KEY_VARIABLE, controller_key
     from jezero.services.vehicle_bridge.controller_parameters import ParameterExchange
 
-    exchange = ParameterExchange(system_id)
+    exchange = ParameterExchange(system_id, controller_key(), time.time() - UNIX_2015_S)
     exchange.read(each.name for each in wanted)
     _run(link, exchange)
     if exchange.refusal:
         raise click.ClickException(exchange.refusal)
+    if not exchange.values and exchange.bad_signatures:
+        raise click.ClickException(
+            f"{exchange.bad_signatures} messages of the flight controller had no valid signature: give it the key in "
+            f"{CONTROLLER_KEY_VARIABLE}, or unset that"
+        )
     if not exchange.values:
         raise click.ClickException(
             f"no flight controller replies at {address or 'the link in vehicle_bridge.toml'}: is it plugged in, and "

@@ -177,22 +177,24 @@ def _endpoints(variable: str) -> tuple[str, ...]:
         raise ConfigError(f"{variable}: {error}") from None
 
 
-def checked_host(name: str, host: str) -> str:
+def checked_host(name: str, host: str, *, signed: bool = False, remedy: str = "") -> str:
     """The host of a link without TLS, which is another computer only where a person has permitted it.
 
     Args:
         name: of the setting or variable, for the error.
         host: its value.
+        signed: whether its messages are signed, so that it may be another computer.
+        remedy: what makes this kind of link safe, for the error; "" for nothing.
 
     Raises:
         ConfigError: it is no IPv4 address or name of a computer, or not this computer and not permitted.
     """
     if not re.fullmatch(r"[A-Za-z0-9._-]{1,253}", host):
         raise ConfigError(f"{name} is {host!r}: write an IPv4 address or the name of a computer, without a port")
-    if not is_loopback(host) and os.environ.get(INSECURE_VARIABLE) != "1":
+    if not signed and not is_loopback(host) and os.environ.get(INSECURE_VARIABLE) != "1":
         raise ConfigError(
             f"{name} is {host!r}: this link has no TLS, so whoever is on its network can change what it carries: write "
-            f"127.0.0.1, or set {INSECURE_VARIABLE}=1 on a network that you trust"
+            f"127.0.0.1, {remedy}or set {INSECURE_VARIABLE}=1 on a network that you trust"
         )
     return host
 

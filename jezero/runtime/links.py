@@ -26,6 +26,7 @@ PEER_SILENCE_MAX_NS = 5_000_000_000
 """Time after which another program may take the place of a silent sender of datagrams."""
 REFUSED_PERIOD_NS = 10_000_000_000
 """A program that is refused again and again is named once in this time."""
+OWN_PORT_ABOVE = 10_000
 CHUNK = 65_536
 READS_MAX = 16
 """Chunks that one poll reads: a peer that sends without end must not stop the loop."""
@@ -411,15 +412,25 @@ def _line_error(error: Exception) -> str:
     return f"it can't be opened: {error}"
 
 
+def own_port(peer_port: int) -> int:
+    """Port from which `udpout` sends to a peer's port: the same after a restart.
+
+    PX4 sends for ever to the port that it has first heard something from; a new port would be deaf.
+    """
+    return peer_port + OWN_PORT_ABOVE if peer_port + OWN_PORT_ABOVE <= 65_535 else peer_port - OWN_PORT_ABOVE
+
+
 ADDRESSES = "serial:DEVICE:BAUD, udpin:ADDRESS:PORT, udpout:HOST:PORT or tcp:HOST:PORT"
 
 
-def link_of(name: str, address: str) -> SocketLink:
+def link_of(name: str, address: str, *, signed: bool = False, remedy: str = "") -> SocketLink:
     """The link that an address names.
 
     Args:
         name: of the setting, for the error.
         address: one of `ADDRESSES`.
+        signed: whether its messages are signed, so that it may lead to another computer.
+        remedy: what makes this kind of link safe, for the error; "" for nothing.
 
     Raises:
         ConfigError: the address is malformed, or leads to another computer without a person's permission.
@@ -429,9 +440,10 @@ def link_of(name: str, address: str) -> SocketLink:
     found = re.fullmatch(r"(udpin|udpout|tcp):([^:]+):(\d{1,5})", address)
     if found is None or not 1 <= int(found[3]) <= 65535:
         raise ConfigError(f"{name} is {address!r}: write {ADDRESSES}")
-    kind, host, port = found[1], checked_host(name, found[2]), int(found[3])
+    kind, port = found[1], int(found[3])
+    host = checked_host(name, found[2], signed=signed, remedy=remedy)
     if kind == "udpin":
         return UdpListener(host, port)
     if kind == "udpout":
-        return Udp(("0.0.0.0", 0), (host, port), only_from_peer=True)
+        return Udp(("0.0.0.0", own_port(port)), (host, port), only_from_peer=True)
     return TcpClient(host, port, silence_max_s=SILENCE_MAX_S)

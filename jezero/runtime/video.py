@@ -316,7 +316,7 @@ def _open_video(path: Path) -> Source:
 
 
 class FolderSource:
-    """The pictures of a folder, in the order of their names.
+    """The pictures of a folder, in the order of their names, again and again.
 
     Args:
         path: the folder.
@@ -330,19 +330,17 @@ class FolderSource:
         self._files = sorted(file for file in path.iterdir() if file.suffix.lower() in PICTURES)
         if not self._files:
             raise SourceError(f"there is no picture in the folder ({', '.join(PICTURES)})")
-        self._next = 0
+        self._next = -1
         self._period_s = 1.0 / rate_hz
         self._due_s = 0.0
 
     def wait(self) -> None:
         self._due_s = _paced(self._due_s, self._period_s)
-        if self._next >= len(self._files):
-            raise SourceError("the pictures of the folder have ended: they begin anew")
-        self._next += 1
+        self._next = (self._next + 1) % len(self._files)
 
     def picture(self) -> Pixels | None:
         try:
-            return _decoded(self._files[self._next - 1].read_bytes())
+            return _decoded(self._files[self._next].read_bytes())
         except OSError:
             return None
 

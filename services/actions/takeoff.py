@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from jezero.base.frames import Vec3
+from jezero.base.frames import Vec3, distance
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import MoveFeedback, MoveResult, TakeoffGoal
 from jezero.schemas.state import Status
@@ -16,10 +16,18 @@ LEAD_M = 0.6
 """Height to which the reference rises before the vehicle leaves the ground."""
 ARMING_S, ARMING_TIMEOUT_S = 1.0, 10.0
 """Usual and greatest time until the motors turn."""
+DRIFT_MAX_M = 0.3
+"""A vehicle at the ground that is farther than this from its way up has not moved, but its position estimate has."""
+DRIFT_TIMEOUT_S = 10.0
+"""Longest time for which the climb begins anew because of that."""
 
 
 class Climb:
     """A climb straight up from the ground, which waits at its start until the vehicle is armed.
+
+    A position estimate that has just converged moves by a metre or two while the vehicle still stands. A reference that
+    waited for the vehicle to come back to the way up would wait for ever. So the climb begins anew at the estimate, as
+    long as the reference is low.
 
     Args:
         altitude_m: above the ground, positive up.
@@ -38,18 +46,26 @@ class Climb:
         config: MoveConfig,
         z_ground_ned_m: float | None = None,
     ) -> None:
-        x, y, z = self._start_ned_m = state.pos_uav_ned_m
-        self.z_ground_ned_m = z if z_ground_ned_m is None else z_ground_ned_m
+        self.z_ground_ned_m = state.pos_uav_ned_m[2] if z_ground_ned_m is None else z_ground_ned_m
+        self._altitude_m = altitude_m
+        self._config = config
+        self._from_ground = z_ground_ned_m is None
+        self._drifted_m = 0.0
+        self._armed_ns: int | None = None
+        self._arm_by_ns = t_ns + int(ARMING_TIMEOUT_S * NS_PER_S)
+        self._begin(t_ns, state.pos_uav_ned_m, state.yaw_rad)
+
+    def _begin(self, t_ns: int, start_ned_m: Vec3, yaw_rad: float) -> None:
+        self._start_ned_m = start_ned_m
         self.path = StraightPath(
             t_ns,
-            (x, y, z),
-            (x, y, self.z_ground_ned_m - altitude_m),
-            speed_mps=config.speed_up_mps,
+            start_ned_m,
+            (start_ned_m[0], start_ned_m[1], self.z_ground_ned_m - self._altitude_m),
+            speed_mps=self._config.speed_up_mps,
             lead_max_m=LEAD_M,
-            config=config,
-            yaw_start_rad=state.yaw_rad,
+            config=self._config,
+            yaw_start_rad=yaw_rad,
         )
-        self._arm_by_ns = t_ns + int(ARMING_TIMEOUT_S * NS_PER_S)
 
     def remaining(self) -> Remaining:
         """Rest of the climb, with the time for arming before it begins."""
@@ -61,8 +77,24 @@ class Climb:
         if not state.armed:
             self.path.wait(t_ns, state)
             return "the vehicle was not armed in time" if t_ns > self._arm_by_ns else ""
+        if self._armed_ns is None:
+            self._armed_ns = t_ns
+        drift_m = self._drift_m(state.pos_uav_ned_m) if self._from_ground else 0.0
+        if drift_m > DRIFT_MAX_M:
+            self._drifted_m += drift_m
+            if t_ns - self._armed_ns > DRIFT_TIMEOUT_S * NS_PER_S:
+                return f"the position estimate doesn't settle: it moved by {self._drifted_m:.1f} m at the ground"
+            self.z_ground_ned_m = state.pos_uav_ned_m[2]
+            self._begin(t_ns, state.pos_uav_ned_m, self.path.yaw_rad)
         self.path.step(t_ns, state)
         return self.path.stuck(t_ns)
+
+    def _drift_m(self, pos_ned_m: Vec3) -> float:
+        """Distance of the estimate from the way between the start and the reference; 0 once the reference is high."""
+        (x, y, z_low), (_, _, z_high) = self._start_ned_m, self.path.pos_ned_m
+        if z_low - z_high > LEAD_M:
+            return 0.0
+        return distance(pos_ned_m, (x, y, min(max(pos_ned_m[2], z_high), z_low)))
 
 
 class Takeoff:

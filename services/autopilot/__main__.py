@@ -8,7 +8,9 @@ from functools import partial
 from pathlib import Path
 
 from jezero.base.config import ConfigError, chosen_autopilot, load_config
+from jezero.base.mavlink import UNIX_2015_S
 from jezero.base.vehicle_config import BatteryConfig, VehicleConfig
+from jezero.keys.controller_key import controller_key
 from jezero.runtime.instance import Instance
 from jezero.runtime.links import SocketLink, TcpClient, Udp
 from jezero.runtime.process import run_process
@@ -30,7 +32,6 @@ from jezero.services.autopilot.px4_link import ChildLink
 from jezero.services.autopilot.service import GCS, HIL, OFFBOARD, Autopilot
 
 ANY = "0.0.0.0"
-UNIX_2015_S = 1_420_070_400
 
 
 def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:
@@ -45,7 +46,8 @@ def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, Socke
     since_2015_s, path = time.time() - UNIX_2015_S, kept_stamp_path()
     kept_stamp, keep_stamp = load_stamp(path, int(since_2015_s * 1e5)), partial(save_stamp, path)
     warning = insecurity(config.signing, ground)
-    return Autopilot(config, vehicle, instance.system_id, since_2015_s, warning, kept_stamp, keep_stamp), {
+    key = controller_key()
+    return Autopilot(config, vehicle, instance.system_id, since_2015_s, warning, kept_stamp, keep_stamp, key), {
         HIL: TcpClient(LOOPBACK, instance.hil_port),
         OFFBOARD: Udp((LOOPBACK, instance.autopilot_offboard_port), (LOOPBACK, instance.bridge_port)),
         GCS: Udp((LOOPBACK if is_local(ground) else ANY, instance.autopilot_gcs_port), (ground, instance.gcs_port)),

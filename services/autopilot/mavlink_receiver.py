@@ -78,6 +78,7 @@ class MavlinkReceiver:
             dialect.MAVLINK_MSG_ID_PARAM_REQUEST_READ: self._on_parameter_read,
             dialect.MAVLINK_MSG_ID_PARAM_SET: self._on_parameter_set,
             dialect.MAVLINK_MSG_ID_PING: self._on_ping,
+            dialect.MAVLINK_MSG_ID_GIMBAL_MANAGER_SET_ATTITUDE: self._on_gimbal_attitude,
             dialect.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
             dialect.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL: _refuse_files,
             dialect.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: _send_empty_mission,
@@ -149,6 +150,10 @@ class MavlinkReceiver:
         if number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
             known = command.are_finite(0, 1) and link.set_interval(int(command.params[0]), command.params[1])
             return link.acknowledge(message, number, ACCEPTED if known else UNSUPPORTED)
+        if number == dialect.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE:
+            sender = (message.get_srcSystem(), message.get_srcComponent())
+            given = self._vehicle.gimbal.configure((command.params[0], command.params[1]), sender)
+            return link.acknowledge(message, number, ACCEPTED if given else DENIED)
         if self._stops_motors_in_air(command) and not self._may_stop_motors_in_air(link, message):
             return link.acknowledge(message, number, DENIED)
         return link.acknowledge(message, number, self._execute(command))
@@ -268,6 +273,12 @@ class MavlinkReceiver:
         return link.pack(
             dialect.MAVLink_param_value_message(name.encode("ascii"), raw, kind, len(names), names.index(name))
         )
+
+    # -- gimbal --------------------------------------------------------------------------------------------
+
+    def _on_gimbal_attitude(self, _link: TelemetryLink, message: MavMessage) -> bytes:
+        self._vehicle.gimbal.on_attitude(message, self._vehicle.estimator.q_ned_from_frd)
+        return b""
 
     # -- ping and time -------------------------------------------------------------------------------------
 

@@ -5,12 +5,16 @@ from dataclasses import replace
 
 import msgspec
 
+from jezero.base.mavlink import Signing
 from jezero.base.vehicle_config import VehicleConfig
-from jezero.runtime.service import Health, Inbox, Output, Send, Spec
+from jezero.runtime.service import Health, Inbox, Output, Publish, Send, Spec
+from jezero.schemas.commands import CameraPitch
+from jezero.schemas.topics import SIMULATED_GIMBAL
 from jezero.schemas.units import GRAVITY_MPS2
 from jezero.services.autopilot.alignment import Fix
 from jezero.services.autopilot.config import AutopilotConfig, SigningConfig
 from jezero.services.autopilot.estimator import StateEstimator
+from jezero.services.autopilot.gimbal import NOBODY
 from jezero.services.autopilot.hil import HilLink, RangeSample, SensorSample
 from jezero.services.autopilot.mavlink_interface import MavlinkInterface, signing_by_link
 from jezero.services.autopilot.multicopter import MulticopterController
@@ -23,7 +27,13 @@ __all__ = ["GCS", "HIL", "OFFBOARD", "SPEC", "Autopilot"]
 HIL = "hil"
 GAP_MAX_US = 1_000_000
 
-SPEC = Spec(name="autopilot", links=(HIL, OFFBOARD, GCS), triggers=(HIL, OFFBOARD, GCS), rate_hz=10.0)
+SPEC = Spec(
+    name="autopilot",
+    outputs=(SIMULATED_GIMBAL,),
+    links=(HIL, OFFBOARD, GCS),
+    triggers=(HIL, OFFBOARD, GCS),
+    rate_hz=10.0,
+)
 
 
 class Autopilot:
@@ -40,6 +50,7 @@ class Autopilot:
         insecurity: sentence that the health shows all the time; "" for none.
         kept_stamp: time stamp of signatures that was kept before the restart; -1 when there was none.
         keep_stamp: stores such a time stamp.
+        offboard_key: key of the signatures of the offboard link, 32 bytes; b"" leaves that link to `config.signing`.
     """
 
     def __init__(
@@ -51,6 +62,7 @@ class Autopilot:
         insecurity: str = "",
         kept_stamp: int = -1,
         keep_stamp: Callable[[int], None] = lambda _: None,
+        offboard_key: bytes = b"",
     ) -> None:
         made_with = {
             "config": msgspec.structs.replace(config, signing=SigningConfig()),  # recordings have no key
@@ -66,6 +78,8 @@ class Autopilot:
         self._airframe = vehicle.airframe
         self._signing = signing_by_link(config.signing, kept_stamp, keep_stamp)
         self._since_2015_10us = int(since_2015_s * 1e5)
+        if offboard_key:  # what was sent before the start isn't accepted; a kept time stamp would cost some seconds
+            self._signing[OFFBOARD] = Signing(offboard_key, self._since_2015_10us)
         self._started_wall_ns: int | None = None
         self._connections = 0
         self._health: Health | None = None
@@ -98,6 +112,10 @@ class Autopilot:
             elif type(item) is RangeSample:
                 self._vehicle.newest_range = item
         yield from self._mavlink.handle_messages(inbox)
+        gimbal = self._vehicle.gimbal
+        if gimbal.controller != NOBODY and gimbal.move(self._vehicle.t_us):
+            angles = CameraPitch(t_ns=t_ns, pitch_camera_rad=gimbal.pitch_rad, roll_camera_rad=gimbal.roll_rad)
+            yield Publish(SIMULATED_GIMBAL, angles)
         yield from self._mavlink.send_telemetry(inbox)
         health = self._current_health(inbox)
         if health != self._health:

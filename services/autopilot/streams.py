@@ -9,6 +9,7 @@ from jezero.base.frames import Quat, Vec3, altitude_m, euler_from_quat, geodetic
 from jezero.base.mavlink import MavMessage, dialect
 from jezero.services.autopilot.alignment import Fix
 from jezero.services.autopilot.control import ControlSetpoint
+from jezero.services.autopilot.gimbal import LOCKS, GimbalManager
 from jezero.services.autopilot.hil import RangeSample
 
 PREARM = dialect.MAV_SYS_STATUS_PREARM_CHECK
@@ -23,6 +24,7 @@ SENSORS = (
 UNKNOWN_COVARIANCE = [nan] * 21
 UNKNOWN_APPROACH = (nan, nan, nan)
 UNKNOWN_CELLS = [0xFFFF] * 9
+GIMBAL_ID = 1
 PX4_VERSION = 1 << 24 | 15 << 16 | 2 << 8 | 255
 """Version 1.15.2, whose interfaces this autopilot has."""
 CAPABILITIES = (
@@ -49,6 +51,7 @@ class Snapshot(msgspec.Struct, frozen=True, gc=False):
         fix: the newest GNSS fix.
         fix_us: time at which it arrived.
         newest_range: of the rangefinder that points down; this autopilot passes it on and makes no other use of it.
+        gimbal: that somebody controls; None while nobody does.
         thrust: collective thrust, 0 to 1.
         battery_remaining: fraction of the capacity, 0 to 1.
         battery_level: 0 normal, 1 low, 2 critical, 3 emergency.
@@ -75,6 +78,7 @@ class Snapshot(msgspec.Struct, frozen=True, gc=False):
     fix: Fix | None
     fix_us: int
     newest_range: RangeSample | None
+    gimbal: GimbalManager | None
     thrust: float
     battery_v: float
     battery_a: float
@@ -292,6 +296,20 @@ def _autopilot_version(now: Snapshot) -> MavMessage:
     )
 
 
+def _gimbal_manager_status(now: Snapshot) -> MavMessage | None:
+    if now.gimbal is None:
+        return None
+    flags = LOCKS | dialect.GIMBAL_MANAGER_FLAGS_YAW_IN_VEHICLE_FRAME
+    return dialect.MAVLink_gimbal_manager_status_message(now.t_ms, flags, GIMBAL_ID, *now.gimbal.controller, 0, 0)
+
+
+def _gimbal_attitude(now: Snapshot) -> MavMessage | None:
+    if now.gimbal is None:
+        return None
+    flags, q = LOCKS | dialect.GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME, now.gimbal.q_level(now.q_ned_from_frd)
+    return dialect.MAVLink_gimbal_device_attitude_status_message(0, 0, now.t_ms, flags, list(q), nan, nan, nan, 0)
+
+
 def _clipped(value: float) -> int:
     return max(-32_768, min(32_767, round(value)))
 
@@ -314,5 +332,7 @@ STREAMS: dict[int, Callable[[Snapshot], MavMessage | None]] = {
     dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: _global_origin,
     dialect.MAVLINK_MSG_ID_HOME_POSITION: _home_position,
     dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: _autopilot_version,
+    dialect.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: _gimbal_manager_status,
+    dialect.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: _gimbal_attitude,
 }
 """Builder of each message by its id; it returns None as long as there is no data for the message."""

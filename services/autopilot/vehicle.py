@@ -11,6 +11,7 @@ from jezero.services.autopilot.battery import BatteryModel
 from jezero.services.autopilot.commander import Commander, CommanderState
 from jezero.services.autopilot.config import AutopilotConfig, StateEstimatorConfig
 from jezero.services.autopilot.control import Axes, ControlSetpoint, Kinematics, stopping_point_ned_m
+from jezero.services.autopilot.gimbal import NOBODY, GimbalManager
 from jezero.services.autopilot.hil import RangeSample, SensorSample
 from jezero.services.autopilot.land_detector import LandDetector
 from jezero.services.autopilot.mixer import STOPPED, Commands
@@ -127,6 +128,7 @@ class AutopilotVehicle:
 
     Attributes:
         t_us: time stamp of the newest sensor sample.
+        gimbal: of the simulated camera.
         commander: arming and modes.
         estimator: the estimate of the motion.
         landed: state of the land detector.
@@ -148,6 +150,7 @@ class AutopilotVehicle:
         self._fix: Fix | None = None
         self._fix_us: int | None = None
         self.newest_range: RangeSample | None = None
+        self.gimbal = GimbalManager()
         self._valid_fix_us: int | None = None
         self._mag_us: int | None = None
         self._baro_us: int | None = None
@@ -402,6 +405,7 @@ class AutopilotVehicle:
             fix=self._fix,
             fix_us=self._fix_us or 0,
             newest_range=self.newest_range,
+            gimbal=None if self.gimbal.controller == NOBODY else self.gimbal,
             thrust=self._thrust,
             battery_v=battery.voltage_v,
             battery_a=battery.current_a,

@@ -1,10 +1,12 @@
 """The driver of a real camera: it publishes what its link brings, as the simulated camera does.
 
-The camera is fixed to the vehicle, as `vehicle.toml` says: nothing turns it, so commands of its pitch change nothing.
+A fixed camera is turned by nothing, so commands of its pitch change nothing. One on a gimbal is turned by the bridge,
+which publishes the measured angles: a picture has those of its exposure, and is not published without.
 """
 
 from collections import deque
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 from jezero.base.camera_preview import PREVIEW_PERIOD_NS, preview_of
 from jezero.base.picture_link import ArrivedPicture, decode_picture
@@ -12,7 +14,7 @@ from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.service import Health, Inbox, Output, Publish, Spec
 from jezero.schemas import topics
 from jezero.schemas.health import ServiceState
-from jezero.schemas.sensors import CameraFrame
+from jezero.schemas.sensors import CameraAttitude, CameraFrame
 from jezero.schemas.units import NS_PER_S
 from jezero.services.camera.config import CameraDriverConfig
 
@@ -27,6 +29,9 @@ BLACK_MAX = 16
 """Brightest value of a picture that counts as black."""
 BLACK_STEP = 97
 """Every so many bytes of a picture are looked at for that: a prime, so that all colours and columns have their turn."""
+ATTITUDE_AGE_MAX_NS = 150_000_000
+"""Longest time between a picture and the nearest measurement of the gimbal's angles."""
+ATTITUDES_MAX = 100
 RATE_WINDOW_NS = 2 * NS_PER_S
 RATE_MIN = 0.5
 """Fraction of the configured rate below which the camera is called slow."""
@@ -52,9 +57,12 @@ class CameraDriver:
         source: the camera, for people.
     """
 
-    spec = SPEC
-
     def __init__(self, config: CameraDriverConfig, vehicle: VehicleConfig, source: str) -> None:
+        self._on_gimbal = vehicle.camera.gimbal == "mavlink"
+        self.spec = replace(SPEC, inputs=(topics.CAMERA_ATTITUDE,)) if self._on_gimbal else SPEC
+        self._attitudes: deque[CameraAttitude] = deque(maxlen=ATTITUDES_MAX)
+        self._without_angles = False
+        """Whether no angles of the gimbal are known for the newest picture."""
         self._config = config
         self._mount = vehicle.camera
         self._source = source
@@ -83,6 +91,8 @@ class CameraDriver:
         host_ns = inbox.wall_ns + inbox.stalled_ns
         if self._silent_since_ns is None:
             self._silent_since_ns = host_ns
+        if self._on_gimbal:
+            self._attitudes.extend(inbox.new(topics.CAMERA_ATTITUDE))
         if data := inbox.received(LINK):
             received = decode_picture(data)
             self._broken = received.broken
@@ -108,6 +118,10 @@ class CameraDriver:
         is_newer = exposed_ns > self._t_ns or exposed_ns < self._t_ns - STEPS_BACK_NS
         if t_ns <= 0 or exposed_ns < 0 or not is_newer or self._size_problem or self._is_frozen:
             return
+        angles_rad = self._angles_rad(exposed_ns)
+        self._without_angles = angles_rad is None
+        if angles_rad is None:
+            return
         self._t_ns = exposed_ns
         self._sequence += 1
         frame = CameraFrame(
@@ -115,8 +129,8 @@ class CameraDriver:
             sequence=self._sequence,
             width_px=picture.width_px,
             height_px=picture.height_px,
-            pitch_camera_rad=self._mount.pitch_rest_rad,
-            roll_camera_rad=self._mount.roll_offset_rad,
+            pitch_camera_rad=angles_rad[0],
+            roll_camera_rad=angles_rad[1],
             exposure_s=self._config.exposure_s,
             pixels=picture.pixels,
         )
@@ -125,6 +139,15 @@ class CameraDriver:
         if period != self._preview_period:
             self._preview_period = period
             yield Publish(topics.CAMERA_PREVIEW, preview_of(frame))
+
+    def _angles_rad(self, t_ns: int) -> tuple[float, float] | None:
+        """Pitch and roll of the camera at a time; None while the gimbal's are unknown."""
+        if not self._on_gimbal:
+            return self._mount.pitch_rest_rad, self._mount.roll_offset_rad
+        nearest = min(self._attitudes, key=lambda each: abs(each.t_ns - t_ns), default=None)
+        if nearest is None or abs(nearest.t_ns - t_ns) > ATTITUDE_AGE_MAX_NS:
+            return None
+        return nearest.pitch_camera_rad, nearest.roll_camera_rad
 
     # -- health -----------------------------------------------------------------------------------------------
 
@@ -175,6 +198,8 @@ class CameraDriver:
             yield problem
         if t_ns <= 0:
             yield "pictures come, but there is no vehicle time yet: does the vehicle bridge run?"
+        if self._without_angles:
+            yield "pictures come, but not the gimbal's angles: `jezero ps` says at vehicle_bridge what is wrong with it"
         if self._black:
             yield f"the pictures from {self._source} are black: is the lens covered, or the exposure too short?"
         if self._is_frozen:

@@ -9,10 +9,12 @@ from typing import NamedTuple
 import msgspec
 
 from jezero.base.frames import Quat, Vec3, quat_normalize, quat_rotate
-from jezero.base.mavlink import FieldReader, FramePacker, MavlinkCodec, MavMessage, dialect
-from jezero.schemas.sensors import Altimeter
+from jezero.base.mavlink import FieldReader, FramePacker, MavlinkCodec, MavMessage, Signing, dialect
+from jezero.schemas.sensors import Altimeter, CameraAttitude
 from jezero.schemas.state import Battery, Geodetic, Odometry
 from jezero.services.vehicle_bridge.fence import FenceUpload
+from jezero.services.vehicle_bridge.gimbal import INTERVALS_US as GIMBAL_INTERVALS_US
+from jezero.services.vehicle_bridge.gimbal import GimbalClient
 from jezero.services.vehicle_bridge.narrow_line import OdometryRate, PairedOdometry
 from jezero.services.vehicle_bridge.parameters import ParameterSetter
 from jezero.services.vehicle_bridge.takeover import SetpointEcho
@@ -21,6 +23,8 @@ from jezero.services.vehicle_bridge.vehicle import AutopilotCommand, ResetHistor
 NS_PER_MS = 1_000_000
 COMPONENT_ID = dialect.MAV_COMP_ID_ONBOARD_COMPUTER
 AUTOPILOT_COMPONENT_ID = dialect.MAV_COMP_ID_AUTOPILOT1
+GIMBAL_COMPONENT_IDS = (154, 171, 172, 173, 174, 175)
+"""Components of gimbals, whose messages the flight controller passes on."""
 ACK_TIMEOUT_NS = 500_000_000
 """A command that is refused or not acknowledged is sent again after this time."""
 EFFECT_TIMEOUT_NS = 1_500_000_000
@@ -36,6 +40,8 @@ BATTERY_CRITICAL = "BAT_CRIT_THR"
 """Parameter with the battery's critical level. The autopilot sends it on request, and when it changes."""
 CRITICAL_MISSING_PERIOD_NS = 2_000_000_000
 """Period of the requests for this parameter."""
+VERSION_MISSING_PERIOD_NS = 2_000_000_000
+"""Period of the requests for AUTOPILOT_VERSION to a real flight controller."""
 WARNING_MAX_AGE_NS = 6_000_000_000
 """An older warning of the autopilot doesn't explain a refusal."""
 FORCE = 21196.0
@@ -49,7 +55,6 @@ INTERVALS_US = {
     dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: 30_000,
 }
 """Period of each MAVLink message that the bridge requests from the autopilot, in µs."""
-OFF = -1
 HARDWARE_INTERVALS_US = {**INTERVALS_US, dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: 40_000}
 """The same of a real flight controller, which has the rangefinder."""
 OFF = -1
@@ -116,6 +121,7 @@ class Telemetry:
         resets: steps of the position estimate.
         warning: last STATUSTEXT of severity warning or worse.
         warning_ns: timer's time of `warning`.
+        version: of a real flight controller, as AUTOPILOT_VERSION carries it.
     """
 
     received_wall_ns: int | None = None
@@ -133,6 +139,7 @@ class Telemetry:
     resets: ResetHistory = field(default_factory=ResetHistory)
     warning: str = ""
     warning_ns: int = 0
+    version: int | None = None
 
 
 class TelemetryBatch(msgspec.Struct):
@@ -147,6 +154,7 @@ class TelemetryBatch(msgspec.Struct):
         setpoint_echo: the newest one.
         restarted: the autopilot's time stepped back.
         altimeter: ranges of the rangefinder that points down, in the autopilot's time.
+        camera: measured angles of a camera on a gimbal.
         time_replies: contents of each TIMESYNC reply: the autopilot's time, and the time stamp of the request, in ns.
     """
 
@@ -158,6 +166,7 @@ class TelemetryBatch(msgspec.Struct):
     setpoint_echo: SetpointEcho | None = None
     restarted: bool = False
     altimeter: list[Altimeter] = msgspec.field(default_factory=list)
+    camera: list[CameraAttitude] = msgspec.field(default_factory=list)
     time_replies: list[tuple[int, int]] = msgspec.field(default_factory=list)
 
 
@@ -168,6 +177,8 @@ class AutopilotLink:
         system_id: MAVLink system id of the vehicle; the bridge is another component of the same system.
         parameters: parameters to set on the autopilot.
         on_hardware: whether it is a real flight controller, with the rangefinder, on a line that may be too narrow.
+        gimbal: the gimbal that the flight controller manages; None without one.
+        signing: signs what is sent, and refuses what isn't signed; None for a link without signatures.
 
     Attributes:
         telemetry: the autopilot's reported state.
@@ -184,6 +195,8 @@ class AutopilotLink:
         parameters: Mapping[str, int | float] = MappingProxyType({}),
         *,
         on_hardware: bool = False,
+        gimbal: GimbalClient | None = None,
+        signing: Signing | None = None,
     ) -> None:
         self.telemetry = Telemetry()
         self.parameters = ParameterSetter(parameters)
@@ -194,13 +207,21 @@ class AutopilotLink:
         self.acknowledged: AutopilotCommand | None = None
         self.refusal = ""
         self._system_id = system_id
-        self._codec = MavlinkCodec(system_id, COMPONENT_ID, peer=(system_id, AUTOPILOT_COMPONENT_ID))
+        self._gimbal = gimbal
+        self._codec = MavlinkCodec(
+            system_id,
+            COMPONENT_ID,
+            signing,
+            peer=(system_id, AUTOPILOT_COMPONENT_ID),
+            others=() if gimbal is None else GIMBAL_COMPONENT_IDS,
+        )
         self._present: AutopilotCommand | None = None
         self._next_try_ns = 0
         self._tries = 0
         self._refusal = ""
         self._origin_request_wall_ns: int | None = None
         self._critical_request_wall_ns: int | None = None
+        self._version_request_wall_ns: int | None = None
         self._statustext: tuple[int, str] = (0, "")
         """Id and text so far of the last STATUSTEXT, which may come in chunks."""
         self._handlers: dict[int, Callable[[MavMessage, TelemetryBatch], None]] = {
@@ -217,6 +238,7 @@ class AutopilotLink:
             dialect.MAVLINK_MSG_ID_PARAM_VALUE: self._on_parameter,
             dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: self._on_distance,
             dialect.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
+            dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self._on_version,
             dialect.MAVLINK_MSG_ID_MISSION_REQUEST: self._on_fence_message,
             dialect.MAVLINK_MSG_ID_MISSION_REQUEST_INT: self._on_fence_message,
             dialect.MAVLINK_MSG_ID_MISSION_ACK: self._on_fence_message,
@@ -226,6 +248,16 @@ class AutopilotLink:
     def malformed(self) -> int:
         """Number of byte sequences that were no message, and of messages with impossible numbers."""
         return self._codec.malformed
+
+    @property
+    def bad_signatures(self) -> int:
+        """Number of messages that were refused, as they had no valid signature."""
+        return self._codec.bad_signatures
+
+    @property
+    def unchecked_signatures(self) -> int:
+        """Number of signed messages of the autopilot on a link without signatures."""
+        return self._codec.unchecked_signatures
 
     @property
     def other_system_id(self) -> int | None:
@@ -240,7 +272,7 @@ class AutopilotLink:
         self.fence.restart()
         self.command(None, 0)
         self._refusal = ""
-        self._origin_request_wall_ns = self._critical_request_wall_ns = None
+        self._origin_request_wall_ns = self._critical_request_wall_ns = self._version_request_wall_ns = None
         if self.rate is not None:
             self.rate.restart()
 
@@ -262,12 +294,30 @@ class AutopilotLink:
         """Update the telemetry with the bytes that arrived."""
         batch = TelemetryBatch(timer_ns, wall_ns, epoch_id)
         for message in self._codec.parse(data):
-            self.telemetry.received_wall_ns = wall_ns
             kind = message.get_msgId()
             handler = self._handlers.get(kind)
+            if self._gimbal is not None and self._on_gimbal(self._gimbal, message, batch):
+                continue
+            self.telemetry.received_wall_ns = wall_ns
             if handler is not None and (not self.refusal or kind == dialect.MAVLINK_MSG_ID_HEARTBEAT):
                 handler(message, batch)
         return batch
+
+    def _on_gimbal(self, gimbal: GimbalClient, message: MavMessage, batch: TelemetryBatch) -> bool:
+        """Take in a message about the gimbal; returns whether it is one, or another of a gimbal itself."""
+        odometry, kind = self.telemetry.odometry, message.get_msgId()
+        if kind == dialect.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS:
+            gimbal.on_status(message)
+        elif kind == dialect.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS:
+            try:
+                if odometry is not None:
+                    attitude = gimbal.on_attitude(message, odometry.t_ns, odometry.q_ned_from_frd, batch.wall_ns)
+                    batch.camera.append(attitude)
+            except ValueError:
+                self._codec.malformed += 1
+        else:
+            return bool(message.get_srcComponent() != AUTOPILOT_COMPONENT_ID)
+        return True
 
     def _on_odometry(self, message: MavMessage, batch: TelemetryBatch) -> None:
         try:
@@ -398,6 +448,9 @@ class AutopilotLink:
         if message.tc1 != 0:  # else it is a request of the autopilot, which needs no reply to fly
             batch.time_replies.append((message.tc1, message.ts1))
 
+    def _on_version(self, message: MavMessage, _batch: TelemetryBatch) -> None:
+        self.telemetry.version = message.flight_sw_version
+
     def _on_distance(self, message: MavMessage, batch: TelemetryBatch) -> None:
         """A range without its limits met nothing, and one of quality 1 is invalid."""
         t_ns, last = message.time_boot_ms * 1_000_000, self.telemetry.altimeter
@@ -454,12 +507,31 @@ class AutopilotLink:
         request = dialect.MAVLink_param_request_read_message(self._system_id, AUTOPILOT_COMPONENT_ID, name, -1)
         return self._codec.pack(request)
 
+    def request_version(self, wall_ns: int) -> bytes:
+        """Request the version of a real flight controller when that is due."""
+        last_ns = self._version_request_wall_ns
+        if self.rate is None or self.telemetry.version is not None:
+            return b""
+        if last_ns is not None and wall_ns - last_ns < VERSION_MISSING_PERIOD_NS:
+            return b""
+        self._version_request_wall_ns = wall_ns
+        return self._request_message(dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+
     def request_intervals(self) -> bytes:
         """Request the telemetry that the bridge needs."""
         command = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
         hardware_us = NARROW_INTERVALS_US if self._is_narrow else HARDWARE_INTERVALS_US
         intervals_us = INTERVALS_US if self.rate is None else hardware_us
+        if self._gimbal is not None:
+            intervals_us = intervals_us | GIMBAL_INTERVALS_US
         return b"".join(self._command_long(command, float(kind), float(us)) for kind, us in intervals_us.items())
+
+    def point_camera(self, wall_ns: int) -> bytes:
+        """Messages to the gimbal that are due."""
+        odometry = self.telemetry.odometry
+        if self._gimbal is None or odometry is None:
+            return b""
+        return b"".join(self._codec.pack(each) for each in self._gimbal.due(odometry.q_ned_from_frd, wall_ns))
 
     def set_parameters(self, wall_ns: int) -> bytes:
         """PARAM_SET of each parameter that is due."""

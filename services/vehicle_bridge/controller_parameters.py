@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from jezero.base.config import Config
-from jezero.base.mavlink import MavlinkCodec, dialect
+from jezero.base.mavlink import MavlinkCodec, Signing, dialect
 from jezero.services.vehicle_bridge.autopilot_link import autopilot_refusal
 from jezero.services.vehicle_bridge.config import ParameterName, ParameterValue
 from jezero.services.vehicle_bridge.parameters import TRIES, Value, decoded, encoded
@@ -45,6 +45,8 @@ class ParameterExchange:
 
     Args:
         system_id: the controller's MAVLink system id; 0 for that of the first one that sends a HEARTBEAT.
+        key: of the link's signatures, 32 bytes; b"" for a link without signatures.
+        since_2015_s: wall time at the start, for the time stamps of signatures.
 
     Attributes:
         system_id: the controller's; 0 while it isn't known.
@@ -53,17 +55,25 @@ class ParameterExchange:
         refusal: why this controller's parameters are left alone, as it has others than PX4, or "".
     """
 
-    def __init__(self, system_id: int = 0) -> None:
+    def __init__(self, system_id: int = 0, key: bytes = b"", since_2015_s: float = 0.0) -> None:
         self.system_id = system_id
         self.values: dict[str, Value] = {}
         self.unknown: list[str] = []
         self.refusal = ""
-        self._codec = MavlinkCodec(255, COMPONENT_ID)
+        self._since_2015_10us = int(since_2015_s * 1e5)
+        self._signing = Signing(key, self._since_2015_10us) if key else None
+        self._codec = MavlinkCodec(255, COMPONENT_ID, self._signing)
+        self._started_ns: int | None = None
         self._wanted: dict[str, Value | None] = {}
         """Parameters to read, or to set to a value."""
         self._tries: dict[str, tuple[int, int]] = {}
         """Number of tries so far, and the time of the next one."""
         self._heartbeat_ns = -HEARTBEAT_PERIOD_NS
+
+    @property
+    def bad_signatures(self) -> int:
+        """Number of messages that were refused, as they had no valid signature."""
+        return self._codec.bad_signatures
 
     @property
     def done(self) -> bool:
@@ -80,6 +90,10 @@ class ParameterExchange:
 
     def step(self, data: bytes, now_ns: int) -> bytes:
         """Take in bytes of the link; returns those to send."""
+        if self._started_ns is None:
+            self._started_ns = now_ns
+        if self._signing is not None:
+            self._signing.clock_10us = self._since_2015_10us + (now_ns - self._started_ns) // 10_000
         for message in self._codec.parse(data):
             sender, kind = message.get_srcSystem(), message.get_msgId()
             if message.get_srcComponent() != CONTROLLER_ID:

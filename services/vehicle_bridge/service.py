@@ -5,7 +5,9 @@ from dataclasses import replace
 from math import inf
 
 from jezero.base.frames import Quat, Vec3, add, altitude_m, horizontal
+from jezero.base.mavlink import Signing
 from jezero.base.vehicle_config import VehicleConfig
+from jezero.keys.controller_key import CONTROLLER_KEY_VARIABLE
 from jezero.runtime.service import Health, Inbox, Output, Publish, Reply, Send, Spec, Subscribe
 from jezero.schemas.fence import Fence
 from jezero.schemas.health import ServiceState
@@ -17,6 +19,8 @@ from jezero.schemas.topics import (
     ACQUIRE,
     ACTIONS,
     ALTIMETER,
+    CAMERA_ATTITUDE,
+    CAMERA_PITCH,
     CLOCK,
     FENCE,
     HOVER,
@@ -32,9 +36,16 @@ from jezero.schemas.topics import (
 from jezero.schemas.units import NS_PER_S
 from jezero.services.vehicle_bridge.admission import in_words, status_words
 from jezero.services.vehicle_bridge.authority import Authority, ControlState
-from jezero.services.vehicle_bridge.autopilot_link import AutopilotLink, TelemetryBatch
+from jezero.services.vehicle_bridge.autopilot_link import (
+    AUTOPILOT_COMPONENT_ID,
+    COMPONENT_ID,
+    AutopilotLink,
+    TelemetryBatch,
+)
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
+from jezero.services.vehicle_bridge.controller_version import version_refusal, version_text
 from jezero.services.vehicle_bridge.fence import FenceKeeper
+from jezero.services.vehicle_bridge.gimbal import GimbalClient
 from jezero.services.vehicle_bridge.narrow_line import rate_refusal
 from jezero.services.vehicle_bridge.requests import RequestQueue, unknown_action_reply
 from jezero.services.vehicle_bridge.takeover import ForeignSetpointDetector
@@ -63,7 +74,7 @@ SPEC = Spec(
     name="vehicle_bridge",
     inputs=(CLOCK, SETPOINT, PREFLIGHT),
     on_demand=(ALTIMETER,),
-    outputs=(ODOMETRY, STATUS, FENCE),
+    outputs=(ODOMETRY, STATUS, FENCE, CAMERA_ATTITUDE),
     last_value=(STATUS, FENCE),
     serves=(ACQUIRE, RELEASE, HOVER, ABORT, KILL, SET_FENCE, UNKNOWN_ACTION),
     links=(LINK,),
@@ -89,6 +100,8 @@ class VehicleBridge:
         name: name of the vehicle, as in its keys.
         kept_epoch: the epoch of the bridge before, of a real vehicle; None without one.
         keep_epoch: keeps the epoch of a real vehicle over a restart of the bridge.
+        key: of the signatures of the autopilot's link, 32 bytes; b"" for a link without signatures.
+        since_2015_s: wall time at the start, for the time stamps of signatures.
     """
 
     def __init__(
@@ -104,6 +117,8 @@ class VehicleBridge:
         name: str = "uav1",
         kept_epoch: KeptEpoch | None = None,
         keep_epoch: Callable[[KeptEpoch], None] = lambda epoch: None,
+        key: bytes = b"",
+        since_2015_s: float = 0.0,
     ) -> None:
         made_with = {
             "config": config,
@@ -116,12 +131,24 @@ class VehicleBridge:
             "name": name,
             "kept_epoch": kept_epoch,
         }
+        has_gimbal = bool(config.link) and robot.camera.gimbal == "mavlink"
+        inputs = (*SPEC.inputs, *((CAMERA_PITCH,) if has_gimbal else ()))
         outputs = (*SPEC.outputs, *((CLOCK, ALTIMETER) if config.link else ()))
-        self.spec = replace(SPEC, outputs=outputs, rate_hz=config.rate_hz, made_with=made_with)
+        self.spec = replace(SPEC, inputs=inputs, outputs=outputs, rate_hz=config.rate_hz, made_with=made_with)
         self._config = config
         self._boot_id = boot_id
         self._actions = actions
-        self._link = AutopilotLink(system_id, {} if config.link else config.parameters, on_hardware=bool(config.link))
+        self._since_2015_10us = int(since_2015_s * 1e5)
+        # No message from before the start is accepted again. A kept time stamp would make the bridge deaf for seconds.
+        self._signing = Signing(key, self._since_2015_10us) if key else None
+        parameters = {} if config.link else config.parameters
+        self._gimbal: GimbalClient | None = None
+        if has_gimbal:
+            rest_rad = (robot.camera.pitch_rest_rad, robot.camera.roll_offset_rad)
+            self._gimbal = GimbalClient((system_id, COMPONENT_ID), (system_id, AUTOPILOT_COMPONENT_ID), rest_rad)
+        self._link = AutopilotLink(
+            system_id, parameters, on_hardware=bool(config.link), gimbal=self._gimbal, signing=self._signing
+        )
         self._controller = ControllerClock(boot_id, kept_epoch, keep_epoch) if config.link else None
         """The clock of a real vehicle's flight controller; None where the simulator is the master of vehicle time."""
         self._foreign_setpoints = ForeignSetpointDetector()
@@ -150,6 +177,8 @@ class VehicleBridge:
         """Read telemetry, handle requests and setpoints, judge safety and time-outs, fly, publish; see `Service`."""
         if self._started_wall_ns is None:
             self._started_wall_ns = inbox.wall_ns
+        if self._signing is not None:
+            self._signing.clock_10us = self._since_2015_10us + (inbox.wall_ns - self._started_wall_ns) // 10_000
         if inbox.connected or self._router_seen_wall_ns is None:
             self._router_seen_wall_ns = inbox.wall_ns
         clock, before = inbox.latest(CLOCK), self._epoch_id
@@ -167,6 +196,10 @@ class VehicleBridge:
         if self._controller is not None:
             for altimeter in batch.altimeter:
                 yield Publish(ALTIMETER, altimeter)
+            for attitude in batch.camera:
+                yield Publish(CAMERA_ATTITUDE, attitude)
+        if self._gimbal is not None:
+            self._gimbal.point(inbox.new(CAMERA_PITCH), inbox.wall_ns)
         vehicle = self._snapshot(self._vehicle_time_ns(t_ns), inbox)
         for odometry in batch.odometry:
             self._wind.update(odometry, vehicle)
@@ -179,7 +212,7 @@ class VehicleBridge:
         yield from self._fence.publish(self._link.telemetry.origin_deg, vehicle, inbox.wall_ns)
         yield from self._publish_status(vehicle, inbox.wall_ns)
         yield from self._subscribe()
-        yield from self._publish_health(vehicle)
+        yield from self._publish_health(vehicle, inbox.wall_ns)
 
     # -- inputs --------------------------------------------------------------------------------------------
 
@@ -340,7 +373,9 @@ class VehicleBridge:
         if self._epoch_id is None:
             yield self._no_time_reason()
         if telemetry.received_wall_ns is None:
-            yield "no telemetry from the autopilot yet"
+            yield self._signature_reason if link.bad_signatures else "no telemetry from the autopilot yet"
+        if refusal := version_refusal(telemetry.version):
+            yield refusal
         if telemetry.odometry is None:
             yield "the autopilot sends no odometry yet: its estimator is still converging"
         if refusal := rate_refusal(self._odometry_hz, FLYING_ODOMETRY_MIN_HZ, "any flight", self._config.link):
@@ -371,8 +406,22 @@ class VehicleBridge:
         if self._link.telemetry.received_wall_ns is None:
             if (other := self._link.other_system_id) is not None:
                 return f"the flight controller has MAVLink's system id {other}: set system_id in vehicle_bridge.toml"
+            if self._link.bad_signatures:
+                return self._signature_reason
             return f"nothing comes from the flight controller at {self._config.link}: is it plugged in and switched on?"
+        if self._link.unchecked_signatures:
+            return (
+                f"the flight controller signs its messages and takes no others: name its key with "
+                f"{CONTROLLER_KEY_VARIABLE}"
+            )
         return f"the flight controller at {self._config.link} doesn't answer TIMESYNC yet"
+
+    @property
+    def _signature_reason(self) -> str:
+        return (
+            f"{self._link.bad_signatures} messages of the flight controller had no valid signature: give it the key in "
+            f"{CONTROLLER_KEY_VARIABLE}, or unset that"
+        )
 
     def _moving_ground_reason(self) -> str:
         """Reason why nothing can take off from a moving rover, or "" while the vehicle stands still."""
@@ -425,6 +474,9 @@ class VehicleBridge:
                 data += self._link.request_intervals()
             data += self._link.request_origin(wall_ns)
             data += self._link.request_battery_critical(wall_ns)
+            data += self._link.request_version(wall_ns)
+        if code is not StatusCode.EXTERNAL:
+            data += self._link.point_camera(wall_ns)
         if code not in (StatusCode.IDLE, StatusCode.EXTERNAL) or self._authority.taking_back:
             data += self._link.request_heartbeat(wall_ns)
         if vehicle.armed is False and code is StatusCode.IDLE:
@@ -490,7 +542,7 @@ class VehicleBridge:
             self._altimeter_subscribed = needed
             yield Subscribe((ALTIMETER,) if needed else ())
 
-    def _publish_health(self, vehicle: VehicleSnapshot) -> Iterator[Output]:
+    def _publish_health(self, vehicle: VehicleSnapshot, wall_ns: int) -> Iterator[Output]:
         state: ServiceState = "ok"
         text = f"{status_words(self._authority.code)}; the autopilot is linked"
         if vehicle.telemetry_age_s > LINK_TIMEOUT_S or self._epoch_id is None:
@@ -506,20 +558,34 @@ class VehicleBridge:
         if self._fence.outside:
             state = "degraded"
         text += self._fence.health_text
-        rate = self._link.rate
-        if rate is not None and rate.narrow and rate.hz is not None:
-            text += f"; the line is too narrow for ODOMETRY: position and attitude instead, {rate.hz:.0f} Hz"
-        if self._controller is not None and (offset := self._controller.sync.offset) is not None:
-            text += f"; {offset.text}"
-            if self._link.telemetry.altimeter is None:
-                text += "; the flight controller sends no DISTANCE_SENSOR: without a rangefinder nothing lands"
-        if self._link.parameters.failed:
-            text += f"; {self._link.parameters.failure_text}"
-        if self._link.malformed:
-            text += f"; {self._link.malformed} malformed MAVLink messages"
+        if self._gimbal is not None and (problem := self._gimbal.problem(wall_ns)):
+            state = "degraded"
+            text += f"; {problem}"
+        text += "".join(f"; {sentence}" for sentence in self._link_sentences())
         if (state, text) != self._health:
             self._health = (state, text)
             yield Health(state, text)
+
+    def _link_sentences(self) -> Iterator[str]:
+        """What there is to say about the link and the autopilot behind it."""
+        link = self._link
+        rate, version = link.rate, link.telemetry.version
+        if rate is not None and rate.narrow and rate.hz is not None:
+            yield f"the line is too narrow for ODOMETRY: position and attitude instead, {rate.hz:.0f} Hz"
+        if self._controller is not None and (offset := self._controller.sync.offset) is not None:
+            yield offset.text
+            if version is not None:
+                yield version_text(version)
+            if link.telemetry.altimeter is None:
+                yield "the flight controller sends no DISTANCE_SENSOR: without a rangefinder nothing lands"
+        if link.parameters.failed:
+            yield link.parameters.failure_text
+        if link.malformed:
+            yield f"{link.malformed} malformed MAVLink messages"
+        if link.bad_signatures:
+            yield f"{link.bad_signatures} messages without a valid signature were dropped"
+        if link.unchecked_signatures:
+            yield f"the autopilot signs its messages: name its key with {CONTROLLER_KEY_VARIABLE}"
 
 
 # -- time -------------------------------------------------------------------------------------------------

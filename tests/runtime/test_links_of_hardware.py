@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from jezero.base.config import ConfigError
-from jezero.runtime.links import SerialLine, TcpClient, Udp, UdpListener, link_of
+from jezero.runtime.links import SerialLine, TcpClient, Udp, UdpListener, link_of, own_port
 
 S = 1_000_000_000
 HOST = "127.0.0.1"
@@ -126,5 +126,25 @@ def test_a_wrong_address_is_refused_with_what_to_write(address: str) -> None:
 def test_a_link_to_another_computer_needs_a_persons_permission(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ConfigError, match="JEZERO_INSECURE"):
         link_of("link in x.toml", "udpin:0.0.0.0:14540")
+    with pytest.raises(ConfigError, match=r"write 127\.0\.0\.1, sign it, or set JEZERO_INSECURE=1"):
+        link_of("link in x.toml", "udpin:0.0.0.0:14540", remedy="sign it, ")
+    assert isinstance(link_of("link in x.toml", "udpin:0.0.0.0:14540", signed=True), UdpListener)
     monkeypatch.setenv("JEZERO_INSECURE", "1")
     assert isinstance(link_of("link in x.toml", "udpin:0.0.0.0:14540"), UdpListener)
+
+
+def test_udpout_sends_from_the_same_port_after_a_restart_as_px4_replies_to_the_first_one_for_ever() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as controller:
+        controller.bind(("127.0.0.1", 0))
+        controller.settimeout(5.0)
+        port = controller.getsockname()[1]
+        senders = []
+        for _ in range(2):
+            link = link_of("link", f"udpout:127.0.0.1:{port}")
+            link.start()
+            link.send(b"hello")
+            senders.append(controller.recvfrom(64)[1])
+            link.close()
+    assert senders[0] == senders[1]
+    assert own_port(14_580) == 24_580
+    assert own_port(60_000) == 50_000

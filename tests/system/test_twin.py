@@ -22,9 +22,11 @@ FLIGHT_TIMEOUT_S = 120.0
 
 
 @contextmanager
-def running_twin(folder: Path, *words: str) -> Iterator["subprocess.Popen[bytes]"]:
-    """The twin as a process of its own."""
+def running_twin(folder: Path, *words: str, key: Path | None = None) -> Iterator["subprocess.Popen[bytes]"]:
+    """The twin as a process of its own; with a key its flight controller signs."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("JEZERO_")}
+    if key is not None:
+        environment["JEZERO_MAVLINK_KEY_FILE"] = str(key)
     with (folder / "twin.log").open("wb") as log:
         command = [*JEZERO, "twin", "--folder", str(folder / "twin"), *words]
         twin = subprocess.Popen(command, env=environment, stdout=log, stderr=subprocess.STDOUT)
@@ -65,6 +67,26 @@ def test_the_twin_takes_off_flies_and_lands_over_a_narrow_serial_line(unstarted:
         health = unstarted.jezero("ps").stdout
         assert "its clock is known within" in health
         assert "the line is too narrow for ODOMETRY" in health
+
+
+@pytest.mark.long
+def test_a_signed_line_flies_and_a_stack_without_its_key_is_told_so(unstarted: Stack, tmp_path: Path) -> None:
+    key = tmp_path / "mavlink.key"
+    key.touch(0o600)
+    key.write_text("a text that nobody guesses")
+    with running_twin(tmp_path, key=key):
+        fly_it(unstarted, tmp_path)
+        wait_for(
+            lambda: "takes no others: name its key" in unstarted.jezero("ps").stdout, START_TIMEOUT_S, "a key is wanted"
+        )
+        unstarted.jezero("down")
+        unstarted.environment["JEZERO_MAVLINK_KEY_FILE"] = str(key)
+        fly_it(unstarted, tmp_path)
+        with unstarted.connect() as uav:
+            uav.wait_ready(START_TIMEOUT_S)
+            uav.takeoff(altitude_m=3.0).result(FLIGHT_TIMEOUT_S)
+            uav.land_on_spot((0.0, 0.0, 0.0), use_uwb=False, use_tag=False).result(FLIGHT_TIMEOUT_S)
+        assert "without a valid signature" not in unstarted.jezero("ps").stdout
 
 
 @pytest.mark.long

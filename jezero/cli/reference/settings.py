@@ -76,6 +76,12 @@ VARIABLES = (
         "`127.0.0.1`",
         "computer of the ground stations of the embedded autopilot; from another one it takes signed messages only.",
     ),
+    Variable(
+        "JEZERO_MAVLINK_KEY_FILE",
+        "file",
+        "–",
+        "line of text whose SHA-256 signs the messages between the vehicle bridge and the flight controller.",
+    ),
     Variable("JEZERO_CONFIG_DIR", "folder", "the shipped folder", "folder of the settings."),
     Variable(
         "JEZERO_RUN_DIR",

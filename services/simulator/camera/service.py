@@ -22,7 +22,7 @@ INFO_PERIOD_NS = NS_PER_S
 
 SPEC = Spec(
     name="camera",
-    inputs=(topics.SCENE, topics.CAMERA_PITCH),
+    inputs=(topics.SCENE, topics.CAMERA_PITCH, topics.SIMULATED_GIMBAL),
     outputs=(topics.CAMERA, topics.CAMERA_INFO, topics.CAMERA_PREVIEW, topics.TAG_CORNERS),
     triggers=(topics.SCENE.name,),
     rate_hz=100.0,
@@ -90,6 +90,7 @@ class CameraSimulator:
             self._described = True
             yield Health("ok", self.description)
         self._gimbal.update(t_ns, inbox.new(topics.CAMERA_PITCH))
+        self._gimbal.update(t_ns, inbox.new(topics.SIMULATED_GIMBAL))  # of the autopilot, when somebody controls it
         scenes = inbox.new(topics.SCENE)
         if scenes:
             self._expose(scenes[-1])

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from jezero.base.frames import Quat, Vec3, norm, quat_from_euler, wrap_pi
+from jezero.base.frames import Quat, Vec3, add, norm, quat_from_euler, scale, wrap_pi
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import GoToGoal, LandOnSpotGoal, LandResult, TakeoffGoal
 from jezero.schemas.rows import Action
@@ -115,6 +115,37 @@ def test_a_takeoff_climbs_straight_up_from_where_it_stands() -> None:
     assert all(move.pos_ned_m[:2] == (1.0, 2.0) for _, move in flight.moves if move.pos_ned_m)
     assert all(move.yaw_rad == pytest.approx(0.3) for _, move in flight.moves)
     assert max(abs(move.vel_ned_mps[2]) for _, move in flight.moves if move.vel_ned_mps) <= 1.5
+
+
+@pytest.mark.parametrize("drift_m", [(1.2, 0.0, 0.0), (-0.5, 0.7, 0.4), (0.0, 0.0, -0.8)])
+def test_a_takeoff_climbs_from_where_an_estimate_that_settles_late_puts_the_ground(drift_m: Vec3) -> None:
+    flight = Flight(TAKEOFF, TakeoffGoal(altitude_m=3.0), standing(), code=0)
+    flight.pushable = False
+    for _ in range(50):
+        pos = add(flight.state.pos_uav_ned_m, scale(drift_m, 1.0 / 50))
+        flight.state = replace(flight.state, pos_uav_ned_m=pos)
+        assert flight.run(DT_S) is None
+    ground = flight.state.pos_uav_ned_m
+    flight.pushable = True
+    assert flight.run(15.0) is not None
+    assert flight.done is not None and flight.done.outcome == "succeeded"
+    sideways, height_m = dist(flight.state.pos_uav_ned_m[:2], ground[:2]), ground[2] - flight.state.pos_uav_ned_m[2]
+    assert sideways < 0.35
+    assert height_m == pytest.approx(3.0, abs=0.6)
+    for state, move in flight.moves:
+        assert move.pos_ned_m is not None
+        assert dist(state.pos_uav_ned_m[:2], move.pos_ned_m[:2]) < 0.35
+
+
+def test_a_takeoff_ends_when_the_position_estimate_runs_away_at_the_ground() -> None:
+    flight = Flight(TAKEOFF, TakeoffGoal(altitude_m=3.0), standing(), code=0)
+    flight.pushable = False
+    done = None
+    while done is None and len(flight.moves) < 2000:
+        flight.state = replace(flight.state, pos_uav_ned_m=add(flight.state.pos_uav_ned_m, (0.1, 0.0, 0.0)))
+        done = flight.run(DT_S)
+    assert done is not None and done.outcome == "aborted"
+    assert "the position estimate doesn't settle" in done.reason
 
 
 def test_a_takeoff_waits_on_the_ground_until_it_is_armed_and_not_for_ever() -> None:

@@ -14,11 +14,10 @@ from pathlib import Path
 import pytest
 
 from jezero.base.config import config_directory
-from jezero.base.mavlink import MavlinkCodec, Signing, dialect
+from jezero.base.mavlink import UNIX_2015_S, MavlinkCodec, Signing, dialect
 from jezero.deploy.launcher.ports import reserved_instance, service_environment
 from jezero.runtime.instance import Instance, socket_of
 from jezero.runtime.routing import open_router
-from jezero.services.autopilot.__main__ import UNIX_2015_S
 from jezero.services.autopilot.ground_link import STAMP_NAME, load_stamp, save_stamp
 from tests.services.autopilot.test_mavlink_fuzz import KEY
 

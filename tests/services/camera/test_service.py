@@ -4,12 +4,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from jezero.base.picture_link import ArrivedPicture, NoPicture, encode_picture
 from jezero.base.vehicle_config import CameraMountConfig, VehicleConfig
 from jezero.runtime.node import Mailbox
 from jezero.runtime.service import Health, Publish
-from jezero.schemas.sensors import CameraFrame, CameraInfo, CameraPreview
+from jezero.schemas.sensors import CameraAttitude, CameraFrame, CameraInfo, CameraPreview
+from jezero.schemas.topics import CAMERA_ATTITUDE
 from jezero.services.camera.config import CameraDriverConfig
 from jezero.services.camera.service import LINK, CameraDriver
 
@@ -28,6 +30,7 @@ def noise(seed: int, width_px: int = 32, height_px: int = 24) -> bytes:
 class Bench:
     """Steps the driver; `host_ns` is the computer's monotonic time, of which the process has lost `STALLED_NS`."""
 
+    vehicle: VehicleConfig = VEHICLE
     host_ns: int = 60_000_000_000
     ahead_ns: int = AHEAD_NS
     published: list[Publish] = field(default_factory=list)
@@ -35,7 +38,7 @@ class Bench:
 
     def __post_init__(self) -> None:
         config = CameraDriverConfig(source="/dev/video0", exposure_delay_s=DELAY_NS * 1e-9, exposure_s=0.004)
-        self.driver = CameraDriver(config, VEHICLE, "/dev/video0")
+        self.driver = CameraDriver(config, self.vehicle, "/dev/video0")
         self.inbox = Mailbox([LINK])
         self.number = 0
 
@@ -75,6 +78,24 @@ def test_a_picture_is_published_with_the_vehicle_time_of_its_exposure_and_the_fi
     assert frame.pitch_camera_rad == pytest.approx(-1.5708 + 0.1)
     assert (frame.roll_camera_rad, frame.exposure_s) == (0.0, 0.004)
     assert (frame.width_px, frame.height_px, frame.pixels) == (32, 24, noise(1))
+
+
+def test_a_picture_of_a_camera_on_a_gimbal_has_the_angles_of_its_exposure_and_is_not_published_without() -> None:
+    bench = Bench(replace(VEHICLE, camera=replace(VEHICLE.camera, gimbal="mavlink")))
+    bench.picture()
+    assert bench.frames() == []
+    assert bench.words.startswith("degraded: pictures come, but not the gimbal's angles")
+    exposed_ns = bench.host_ns + 100_000_000 + AHEAD_NS - DELAY_NS
+    for age_ns, pitch_rad in ((90_000_000, -0.5), (20_000_000, -0.6), (-60_000_000, -0.7)):
+        angles = CameraAttitude(t_ns=exposed_ns - age_ns, pitch_camera_rad=pitch_rad, roll_camera_rad=0.1)
+        bench.inbox.add_message(CAMERA_ATTITUDE.name, angles)
+    bench.picture()
+    (frame,) = bench.frames()
+    assert (frame.pitch_camera_rad, frame.roll_camera_rad) == (-0.6, 0.1)
+    for _ in range(3):
+        bench.picture()
+    assert len(bench.frames()) == 3  # the angles are too old for the fourth
+    assert "not the gimbal's angles" in bench.words
 
 
 def test_there_is_info_once_a_second_and_a_preview_twice() -> None:

@@ -8,14 +8,14 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from jezero.base.codec import decode, encode
-from jezero.base.mavlink import MavlinkCodec, dialect
+from jezero.base.mavlink import MavlinkCodec, Signing, dialect
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.service import Output, Publish, Reply, Request, Send
 from jezero.schemas.commands import Acquire, AcquireReply, Phase, Release, Setpoint
 from jezero.schemas.rows import Endpoint
 from jezero.schemas.sensors import Altimeter
 from jezero.schemas.state import Clock, Odometry, Status
-from jezero.schemas.topics import ACQUIRE, ALTIMETER, CLOCK, FENCE, ODOMETRY, RELEASE, SETPOINT, STATUS
+from jezero.schemas.topics import ACQUIRE, ALTIMETER, CAMERA_ATTITUDE, CLOCK, FENCE, ODOMETRY, RELEASE, SETPOINT, STATUS
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.service import VehicleBridge
 
@@ -45,12 +45,14 @@ class FakeAutopilot:
         silent: it sends nothing.
         answers_timesync: it answers TIMESYNC.
         kind: HEARTBEAT.autopilot.
+        version: its version, as AUTOPILOT_VERSION carries it.
     """
 
-    def __init__(self, system_id: int = 1) -> None:
-        self.codec = MavlinkCodec(system_id, 1)
+    def __init__(self, system_id: int = 1, signing: Signing | None = None) -> None:
+        self.codec = MavlinkCodec(system_id, 1, signing)
         self.answers_timesync = True
         self.kind = dialect.MAV_AUTOPILOT_PX4
+        self.version = 1 << 24 | 15 << 16 | 2 << 8 | 255
         self.pos = [0.0, 0.0, 0.0]
         self.vel = [0.0, 0.0, 0.0]
         self.q = [1.0, 0.0, 0.0, 0.0]
@@ -113,6 +115,10 @@ class FakeAutopilot:
         elif message_id == dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN:
             self.origin_requests += 1
             self.origin_sent = False
+        elif message_id == dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
+            nothing = [0] * 8
+            message = dialect.MAVLink_autopilot_version_message(0, self.version, 0, 0, 0, *[nothing] * 3, 0, 0, 0)
+            self.unasked += self.codec.pack(message)
 
     def _do(self, message: Any) -> bytes:
         result, text = dialect.MAV_RESULT_ACCEPTED, ""
@@ -262,17 +268,18 @@ class Box:
 class Rig:
     """Steps bridge and autopilot every 20 ms of vehicle time; wall time is the same unless set."""
 
-    def __init__(self, config: VehicleBridgeConfig | None = None, robot: VehicleConfig | None = None) -> None:
-        self.bridge = VehicleBridge(
-            config or VehicleBridgeConfig(), robot or VehicleConfig(), system_id=1, boot_id=BOOT_ID, secret=SECRET
-        )
+    def __init__(
+        self, config: VehicleBridgeConfig | None = None, robot: VehicleConfig | None = None, key: bytes = b""
+    ) -> None:
+        config, robot = config or VehicleBridgeConfig(), robot or VehicleConfig()
+        self.bridge = VehicleBridge(config, robot, system_id=1, boot_id=BOOT_ID, secret=SECRET, key=key)
         self.autopilot = FakeAutopilot()
         self.box = Box()
         self.t_ns = 1_000_000_000
         self.ahead_ns = 0
         """The bridge's estimate of vehicle time minus the true one."""
         self.epoch_id = 7
-        self.has_simulator = not (config or VehicleBridgeConfig()).link
+        self.has_simulator = not config.link
         """Whether a simulator publishes vehicle time; else the bridge does, and hears itself."""
         self.clocks: list[Clock] = []
         self.outputs: list[Output] = []
@@ -318,7 +325,7 @@ class Rig:
         self.outputs.append(output)
         if isinstance(output, Publish) and isinstance(output.message, Clock):
             self.clocks.append(output.message)
-        elif isinstance(output, Publish) and output.topic not in (FENCE, ALTIMETER):
+        elif isinstance(output, Publish) and output.topic not in (FENCE, ALTIMETER, CAMERA_ATTITUDE):
             message = decode(output.topic.type, encode(output.message))
             (self.statuses if output.topic is STATUS else self.odometry).append(message)
             assert output.topic in (STATUS, ODOMETRY)

@@ -19,6 +19,11 @@ def real() -> Rig:
     return Rig(CONFIG)
 
 
+def health_of(rig: Rig) -> str:
+    """Sentence of the last health."""
+    return [output.text for output in rig.outputs if isinstance(output, Health)][-1]
+
+
 def clock_error_ns(rig: Rig) -> int:
     """Vehicle time by the last clock minus that of the controller."""
     clock = rig.clocks[-1]
@@ -180,3 +185,43 @@ def test_a_kill_reaches_ardupilot_too() -> None:
     rig.post(KILL, Kill(confirm=True, vehicle="uav1"))
     rig.run(1.0)
     assert not rig.autopilot.armed
+
+
+def test_the_version_of_px4_stands_in_health() -> None:
+    rig = real().ready()
+    rig.run(3.0)
+    assert "; PX4 1.15.2; the flight controller sends no DISTANCE_SENSOR" in health_of(rig)
+
+
+@pytest.mark.parametrize(
+    ("version", "words"),
+    [
+        (1 << 24 | 19 << 16, "PX4 1.19.0, which jezero was not tried with"),
+        (2 << 24, "PX4 2.0.0, which jezero was not tried with"),
+        (0, "the flight controller doesn't name its version"),
+    ],
+)
+def test_a_version_that_was_not_tried_is_named_and_flies(version: int, words: str) -> None:
+    rig = real()
+    rig.autopilot.version = version
+    rig.ready().run(3.0)
+    assert words in health_of(rig)
+    rig.go("takeoff", Phase.TAKEOFF)
+    assert rig.status.code == StatusCode.TAKEOFF
+
+
+def test_an_older_version_than_the_oldest_that_was_tried_takes_nothing_off() -> None:
+    rig = real()
+    rig.autopilot.version = 1 << 24 | 14 << 16 | 3 << 8
+    rig.run(10.0)
+    assert not rig.status.ready
+    assert rig.status.not_ready_reason == (
+        "the flight controller has PX4 1.14.3, which was never tried: install 1.15 or newer"
+    )
+
+
+def test_the_autopilot_of_the_simulation_is_not_asked_for_its_version() -> None:
+    rig = Rig().ready()
+    rig.autopilot.version = 1 << 24 | 14 << 16
+    rig.run(5.0)
+    assert rig.status.ready
