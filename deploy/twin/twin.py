@@ -162,6 +162,7 @@ def run_twin(folder: Path, baud: int, drift_ppm: float) -> int:
         serving_camera(instance) as camera,
     ):
         settings = write_settings(folder, instance, baud)
+        set_field(settings / "estimator.toml", "std_time_s", "0.05")
         set_field(settings / "camera_driver.toml", "source", f'"{camera}"')
         set_field(settings / "camera_driver.toml", "exposure_delay_s", f"{DELAY_S:g}")
         for file, table, field, value in modules.settings:

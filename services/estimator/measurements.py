@@ -61,6 +61,9 @@ TAG_UPDATE_STD_MAX_M = 100.0
 PLATFORM_EDGE_SIGMAS = 3.0
 
 
+NOTHING = np.zeros(3)
+
+
 class Measurement(Protocol):
     """One measurement of one sensor."""
 
@@ -209,6 +212,7 @@ class UwbMeasurement(msgspec.Struct, frozen=True, gc=False):
         delays_s: (m,) time of each range relative to `t_ns`.
         std_m: standard deviation of a range.
         R_level_from_rover_body: (3, 3) rotation from rover_body to level axes with the rover's heading.
+        std_time_s: standard deviation of the time.
     """
 
     kind: ClassVar[Kind] = "uwb"
@@ -219,6 +223,7 @@ class UwbMeasurement(msgspec.Struct, frozen=True, gc=False):
     delays_s: Array
     std_m: float
     R_level_from_rover_body: Array = LEVEL
+    std_time_s: float = 0.0
 
     @property
     def anchors_level_m(self) -> Array:
@@ -231,14 +236,15 @@ class UwbMeasurement(msgspec.Struct, frozen=True, gc=False):
             return UpdateResult(0, 0)
         expected_m, H = self._predict_ranges(kalman.x)
         innovation = self.ranges_m - expected_m
-        variance = self.std_m * self.std_m
-        S = ((H @ kalman.P) * H).sum(axis=1) + variance
+        rates_mps = H[:, POS_UAV] @ (kalman.x[VEL_UAV] - kalman.x[VEL_ROVER])
+        variances = self.std_m * self.std_m + np.square(self.std_time_s * rates_mps)
+        S = ((H @ kalman.P) * H).sum(axis=1) + variances
         good = np.square(innovation) <= gate[0] * S
         used = int(np.count_nonzero(good))
-        kalman.announce("uwb", innovation, H, variance * np.eye(offered), good, self.std_m)
+        kalman.announce("uwb", innovation, H, np.diag(variances), good, self.std_m)
         if not used:
             return UpdateResult(0, offered)
-        kalman.update(innovation[good], H[good], variance * np.eye(used))
+        kalman.update(innovation[good], H[good], np.diag(variances[good]))
         return UpdateResult(used, offered)
 
     def without(self, anchor_m: tuple[float, float, float]) -> "UwbMeasurement":
@@ -334,6 +340,8 @@ class TagMeasurement(msgspec.Struct, frozen=True, gc=False):
         yaw_rad: yaw of the rover; None when the detector does not measure it.
         std_yaw_rad: standard deviation of `yaw_rad`.
         scale_std: factor on all standard deviations of the measurement.
+        std_time_s: standard deviation of the time.
+        swing_mps: (3,) speed in NED at which the vehicle's rotation moves the lever arm's end.
     """
 
     kind: ClassVar[Kind] = "tag"
@@ -345,6 +353,8 @@ class TagMeasurement(msgspec.Struct, frozen=True, gc=False):
     yaw_rad: float | None
     std_yaw_rad: float
     scale_std: float = 1.0
+    std_time_s: float = 0.0
+    swing_mps: Array = NOTHING
 
     def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> UpdateResult:
         if kalman.std_pos_rel_m > TAG_UPDATE_STD_MAX_M:
@@ -357,6 +367,8 @@ class TagMeasurement(msgspec.Struct, frozen=True, gc=False):
         H[:, ATTITUDE_ERROR] = self._attitude_error_jacobian()
         H[:, TAG_SCALE] = arm_m
         R = self.measurement_cov_m2()
+        for speed_mps in (x[VEL_UAV] - x[VEL_ROVER], self.swing_mps):
+            R = R + self.std_time_s**2 * np.outer(speed_mps, speed_mps)
         innovation = self.lever_arm_m - scale * arm_m - H[:, ATTITUDE_ERROR] @ x[ATTITUDE_ERROR]
         S = kalman.innovation_covariance(H, R)
         fits = float(innovation @ np.linalg.solve(S, innovation)) <= gate[1]

@@ -2,13 +2,14 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from math import hypot
 from typing import NamedTuple
 
 import numpy as np
 
 from jezero.base.arrays import Array
 from jezero.base.detectors import FrozenSensorDetector
-from jezero.base.frames import Vec3, add, quat_rotate, scale, subtract, wrap_pi, yaw_from_quat
+from jezero.base.frames import Quat, Vec3, add, quat_rotate, scale, subtract, wrap_pi, yaw_from_quat
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.service import Health, Inbox, Output, Publish, Reply, Spec
 from jezero.schemas import sensors, topics
@@ -240,7 +241,7 @@ class Estimator:
             rover.yaw_rover_rad,
             rover.yaw_rate_rover_rps,
             tuning.std_speed_rover_mps,
-            tuning.std_yaw_rover_rad,
+            hypot(tuning.std_yaw_rover_rad, self._config.std_time_s * rover.yaw_rate_rover_rps),
             tuning.std_yaw_rate_rover_rps,
         )
 
@@ -280,6 +281,7 @@ class Estimator:
                 np.array([(r.t_ns - t_ns) * 1e-9 for r in ranges]),
                 std_m,
                 self._R_level_from_rover_body,
+                self._config.std_time_s,
             )
 
     def _tag_measurement(self, tag: TagEstimate) -> Iterator[Measurement]:
@@ -305,7 +307,15 @@ class Estimator:
             tag.yaw_rover_rad if knows_yaw else None,
             tag.std_yaw_rover_rad or 1.0,
             self._selection.tuning.scale_std_tag,
+            self._config.std_time_s,
+            self._swing_mps(lever_arm_m, q_ned_from_frd),
         )
+
+    def _swing_mps(self, arm_m: Array, q_ned_from_frd: Quat) -> Array:
+        """(3,) speed in NED at which the vehicle's rotation moves what a lever arm points at."""
+        if self._odometry is None:
+            return np.zeros(3)
+        return np.cross(quat_rotate(q_ned_from_frd, self._odometry.rates_uav_frd_rps), arm_m)
 
     # -- why the estimate is invalid, in words that say what to check --------------------------------------
 
