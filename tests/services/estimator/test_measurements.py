@@ -126,3 +126,18 @@ def test_measurements_of_the_true_state_have_no_innovation(seed: int) -> None:
     tag = TagMeasurement(0, seen_m, seen_m, 1e-4 * np.eye(3), 0.4, None, 0.02)
     assert innovations_at(x, tag)[0].residual == pytest.approx(0.0, abs=5e-3)
     assert np.linalg.norm(innovations_at(np.where(np.arange(SIZE) < 14, x, 0.0), tag)[0].residual) > 0.05
+
+
+def test_a_time_that_is_not_known_exactly_makes_a_measurement_as_uncertain_as_the_motion_is_fast() -> None:
+    """At 2 m/s an uncertainty of 0.05 s is one of 0.1 m along the motion; a turn that swings the arm's end is one too."""
+    x = np.zeros(SIZE)
+    x[0:3], x[3:6], x[6:9] = POS_ROVER_M, (0.0, 0.0, 2.0), POS_ROVER_M
+    x[2] -= 4.0
+    overhead = UwbMeasurement(0, np.zeros(3), np.zeros((1, 3)), np.full(1, 4.0), np.zeros(1), 0.02, std_time_s=0.05)
+    (found,) = innovations_at(x, overhead)
+    assert found.cov_noise == pytest.approx(np.array([[0.02**2 + 0.1**2]]))
+    arm_m, swing_mps = np.array((0.0, 0.0, -4.0)), np.array((1.0, 0.0, 0.0))
+    tag = TagMeasurement(0, arm_m, arm_m, 1e-4 * np.eye(3), 0.4, None, 0.02)
+    late = TagMeasurement(0, arm_m, arm_m, 1e-4 * np.eye(3), 0.4, None, 0.02, 1.0, 0.05, swing_mps)
+    grown = innovations_at(x, late)[0].cov_noise - innovations_at(x, tag)[0].cov_noise
+    assert grown == pytest.approx(np.diag((0.05**2, 0.0, 0.1**2)), abs=1e-9)
