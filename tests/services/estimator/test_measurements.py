@@ -129,7 +129,7 @@ def test_measurements_of_the_true_state_have_no_innovation(seed: int) -> None:
 
 
 def test_a_time_that_is_not_known_exactly_makes_a_measurement_as_uncertain_as_the_motion_is_fast() -> None:
-    """At 2 m/s an uncertainty of 0.05 s is one of 0.1 m along the motion; a turn that swings the arm's end is one too."""
+    """At 2 m/s an uncertainty of 0.05 s is one of 0.1 m along the motion; so is that of a turn that swings the arm."""
     x = np.zeros(SIZE)
     x[0:3], x[3:6], x[6:9] = POS_ROVER_M, (0.0, 0.0, 2.0), POS_ROVER_M
     x[2] -= 4.0
