@@ -112,6 +112,14 @@ ROWS: tuple[Row, ...] = (
         "state",
         "`rover_odom` → `rover`, by its wheels and compass",
     ),
+    Row(
+        "rover/cmd_vel",
+        "geometry_msgs/msg/Twist",
+        topics.ROVER_COMMAND,
+        make.rover_command,
+        "state",
+        "drive commands of jezero's clients; a rover of ROS must stop when none comes for half a second",
+    ),
     Row("rover/pose", POSE, topics.ROVER_ESTIMATE, make.rover_pose, "state", "`platform` in `map`, while it is valid"),
     Row("/tf", TF, topics.ROVER_ESTIMATE, make.rover_transform, "state", "`map` → `platform`"),
     Row(

@@ -28,6 +28,7 @@ REASONS = {
     "example of a command's help",
     "needs Docker",
     "needs PX4",
+    "needs ROS 2",
     "needs a file of your own",
     "needs a flight controller",
     "needs a flight that ended early",
