@@ -36,12 +36,18 @@ IMAGE_BYTES = 100
 
 
 @contextmanager
-def running_bridge(stack: Stack, ros: Ros, *words: str) -> Iterator["subprocess.Popen[str]"]:
+def running_bridge(
+    stack: Stack, ros: Ros, *words: str, said: list[str] | None = None
+) -> Iterator["subprocess.Popen[str]"]:
+    """A bridge that is ready; `said` gets the lines that it has logged before."""
+    lines = [] if said is None else said
     command = [ros.python, "-m", "jezero.cli.main", "ros2", "bridge", *words]
     with subprocess.Popen(command, env=ros.environment(stack.environment), stderr=subprocess.PIPE, text=True) as bridge:
         try:
             assert bridge.stderr is not None
-            assert any(" is in /" in line for line in iter(bridge.stderr.readline, "")), "the bridge has ended"
+            while not lines or " is in /" not in lines[-1]:
+                lines.append(bridge.stderr.readline())
+                assert lines[-1], f"the bridge has ended: {lines}"
             yield bridge
         finally:
             bridge.terminate()
