@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import msgspec
-import rclpy
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -47,20 +46,23 @@ class Conversion:
     result: Callable[[Any], Mapping[str, Any]]
 
 
-def serve_actions(node: Node, uav: Vehicle, refuse: Refuse) -> None:
+def serve_actions(node: Node, uav: Vehicle, refuse: Refuse, is_ending: Callable[[], bool]) -> None:
     """Make an action server for each action of jezero, and one for any action.
+
+    Args:
+        is_ending: whether the bridge is about to end: then its clients get the result `lost`, and goals fly on.
 
     Raises:
         MissingTypesError: jezero_interfaces is not in this ROS environment.
     """
     for name, action in ACTIONS.items():
-        _Server(node, name, f"jezero_interfaces/action/{interface_name(name)}", _conversion(uav, action), refuse)
+        _Server(node, name, _conversion(uav, action), refuse, is_ending)
     any_action = Conversion(
         lambda goal: _send_any(uav, goal.action, goal.goal_json),
         lambda feedback: {"feedback_json": _json(feedback)},
         lambda result: {"result_json": _json(result)},
     )
-    _Server(node, FLY_ACTION, f"jezero_interfaces/action/{interface_name(FLY_ACTION)}", any_action, refuse)
+    _Server(node, FLY_ACTION, any_action, refuse, is_ending)
 
 
 def _conversion(uav: Vehicle, action: Action[Any]) -> Conversion:
@@ -91,13 +93,14 @@ class _Server:
     """One action server.
 
     Args:
-        name: of the action in ROS, below the vehicle's namespace.
-        kind: its type.
+        name: of the action in ROS, below the vehicle's namespace; its type follows from it.
     """
 
-    def __init__(self, node: Node, name: str, kind: str, conversion: Conversion, refuse: Refuse) -> None:
-        self._name, self._conversion, self._refuse = name, conversion, refuse
-        self._type = message_class(kind)
+    def __init__(
+        self, node: Node, name: str, conversion: Conversion, refuse: Refuse, is_ending: Callable[[], bool]
+    ) -> None:
+        self._name, self._conversion, self._refuse, self._is_ending = name, conversion, refuse, is_ending
+        self._type = message_class(f"jezero_interfaces/action/{interface_name(name)}")
         self._accepted: dict[int, Goal[Any, Any]] = {}
         """Goals that fly already, by the identity of their request: rclpy passes that on to `_execute`."""
         ActionServer(
@@ -125,6 +128,9 @@ class _Server:
         try:
             self._follow(handle, goal)
             value = goal.result(POLL_S)
+        except TimedOut:
+            handle.abort()
+            return self._result("lost", "the bridge to ROS ends, and the goal may still run", None)
         except EndedError as end:
             is_canceled = isinstance(end, Canceled)
             # Only a goal that a client of ROS has canceled may end as canceled there.
@@ -142,7 +148,7 @@ class _Server:
     def _follow(self, handle: ServerGoalHandle, goal: Goal[Any, Any]) -> None:
         """Publish the goal's feedback until it ends, and cancel it when a client of ROS asks for that."""
         is_canceled = False
-        while rclpy.ok():
+        while not self._is_ending():
             if handle.is_cancel_requested and not is_canceled:
                 is_canceled = True
                 goal.cancel()

@@ -4,6 +4,7 @@ Each topic of jezero has a thread of its own, which waits for messages, converts
 in ROS that is slow or stuck delays nobody. Images are large, and fetched only while somebody subscribes to them.
 """
 
+import signal
 import threading
 import time
 from collections.abc import Callable
@@ -14,8 +15,9 @@ import rclpy
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock as RosClock
 from rclpy.clock_type import ClockType
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.client.errors import JezeroError, Unreachable
@@ -37,6 +39,9 @@ CLOCK_HZ = 100.0
 CLOCK_AHEAD_MAX_NS = NS_PER_S // 5
 """Vehicle time is not guessed for longer than this after the last clock: then its master stands still."""
 DEMAND_PERIOD_S = 0.5
+SPIN_S = 0.2
+END_S = 1.0
+"""Time in which clients of ROS get their last results."""
 THREADS = 12
 """A goal in flight keeps one, and a request until the vehicle replies."""
 
@@ -170,12 +175,13 @@ class Bridge:
         self._plan.publish(build(conversions.path(status.t_ns, way_ned_m, self._context)))
 
 
-def serve(node: Node, uav: Vehicle, context: Context, *, commands: bool) -> None:
+def serve(node: Node, uav: Vehicle, context: Context, is_ending: Callable[[], bool], *, commands: bool) -> None:
     """Make what clients of ROS request: actions, services, parameters, and the topic `goal_pose`.
 
     What this ROS environment or the vehicle lacks is left out, which is logged in one sentence.
 
     Args:
+        is_ending: whether the bridge is about to end.
         commands: whether a message on `goal_pose` flies the vehicle.
     """
     log = node.get_logger()
@@ -188,7 +194,7 @@ def serve(node: Node, uav: Vehicle, context: Context, *, commands: bool) -> None
     serve_requests(node, uav)
     try:
         serve_kill(node, uav)
-        serve_actions(node, uav, refuse)
+        serve_actions(node, uav, refuse, is_ending)
     except MissingTypesError as error:
         log.warning(f"actions and the service kill are left out: {error} (deploy/ros2 of jezero)")
     try:
@@ -209,7 +215,10 @@ def run_bridge(uav: Vehicle, vehicle: str, config: VehicleConfig, *, uses_clock:
         uses_clock: whether `/clock` is published.
         commands: as in `serve`.
     """
-    rclpy.init()
+    ending = threading.Event()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, frame: ending.set())
     name = ros_name(vehicle)
     node = Node("jezero_bridge", namespace=name)
     context = Context(name, config)
@@ -217,10 +226,12 @@ def run_bridge(uav: Vehicle, vehicle: str, config: VehicleConfig, *, uses_clock:
     executor.add_node(node)
     try:
         Bridge(node, uav, context, uses_clock=uses_clock)
-        serve(node, uav, context, commands=commands)
+        serve(node, uav, context, ending.is_set, commands=commands)
         node.get_logger().info(f"{vehicle} is in /{name}")
-        executor.spin()
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
+        while not ending.is_set():
+            executor.spin_once(SPIN_S)
+        end_s = time.monotonic() + END_S
+        while time.monotonic() < end_s:
+            executor.spin_once(SPIN_S)
     finally:
         rclpy.try_shutdown()

@@ -2,6 +2,7 @@
 
 import json
 import queue
+import signal
 import subprocess
 import threading
 import time
@@ -33,6 +34,8 @@ class Actor:
 
     def __init__(self, process: "subprocess.Popen[str]", namespace: str) -> None:
         self._process, self.namespace = process, namespace
+        self.bridge: subprocess.Popen[str] | None = None
+        """The bridge beside it, if that is the module's."""
         self._events: queue.Queue[dict[str, Any]] = queue.Queue()
         self.seen: list[dict[str, Any]] = []
         """Events since the last goal was sent."""
@@ -95,6 +98,15 @@ class Actor:
         return response
 
 
+def wait_for(condition: Callable[[], bool], sentence: str, again: Callable[[], None] = lambda: None) -> None:
+    """Wait for a state; `again` is called before each look at it."""
+    deadline_s = time.monotonic() + TIMEOUT_S
+    while not condition():
+        assert time.monotonic() < deadline_s, sentence
+        again()
+        time.sleep(0.5)
+
+
 @pytest.fixture(scope="module")
 def uav(shared_stack: Stack) -> Iterator[Vehicle]:
     with shared_stack.connect() as uav:
@@ -123,9 +135,10 @@ def an_actor(stack: Stack, ros: Ros) -> Iterator[Actor]:
 @pytest.fixture(scope="module")
 def actor(shared_stack: Stack, ros_with_interfaces: Ros) -> Iterator[Actor]:
     with (
-        running_bridge(shared_stack, ros_with_interfaces, "--commands"),
+        running_bridge(shared_stack, ros_with_interfaces, "--commands") as bridge,
         an_actor(shared_stack, ros_with_interfaces) as actor,
     ):
+        actor.bridge = bridge
         actor.do("subscribe", type="std_msgs/msg/String", name=actor.name("refusals"))
         yield actor
 
@@ -212,13 +225,6 @@ def test_a_goal_pose_is_flown_to_and_another_one_changes_the_way(actor: Actor, u
         message = {"header": {"frame_id": frame_id}, "pose": pose}
         actor.do("publish", type="geometry_msgs/msg/PoseStamped", name=actor.name("goal_pose"), message=message)
 
-    def wait_for(condition: Callable[[], bool], sentence: str, again: Callable[[], None] = lambda: None) -> None:
-        deadline_s = time.monotonic() + TIMEOUT_S
-        while not condition():
-            assert time.monotonic() < deadline_s, sentence
-            again()
-            time.sleep(0.5)
-
     def is_near(north_m: float, east_m: float) -> bool:
         at = uav.odometry().pos_uav_ned_m
         return hypot(at[0] - north_m, at[1] - east_m) < 0.7
@@ -304,12 +310,27 @@ def test_a_bridge_without_the_interfaces_says_so_and_publishes(shared_stack: Sta
         assert response["message"]
 
 
-def test_the_last_one_lands(uav: Vehicle, actor: Actor) -> None:
-    if uav.status().code == StatusCode.IDLE:
-        uav.takeoff(altitude_m=2.0).result(TIMEOUT_S)
+def test_return_home_lands(uav: Vehicle, actor: Actor, flying: None) -> None:
     response = actor.call("std_srvs/srv/Trigger", "return_home")
     assert response["success"], response["message"]
-    deadline_s = time.monotonic() + TIMEOUT_S
-    while uav.status().armed:
-        assert time.monotonic() < deadline_s, "it has not landed"
-        time.sleep(0.5)
+    wait_for(lambda: not uav.status().armed, "it has not landed")
+
+
+def test_a_bridge_that_ends_leaves_its_goal_to_the_rule_that_the_goal_has(
+    shared_stack: Stack, ros_with_interfaces: Ros, uav: Vehicle, actor: Actor, flying: None
+) -> None:
+    far = {"target_m": {"x": 20.0, "y": 0.0, "z": 3.0}, "speed_mps": [0.5]}
+    assert actor.send("GoTo", "go_to", **far)
+    actor.wait("feedback")
+    assert actor.bridge is not None
+    actor.bridge.send_signal(signal.SIGINT)
+    status, result = actor.result()
+    assert (status, result["outcome"]) == (ABORTED, "lost")
+    assert actor.bridge.wait(30) == 0
+    assert uav.status().code == StatusCode.GO_TO, "the vehicle flies on"
+    uav.hover()
+    with running_bridge(shared_stack, ros_with_interfaces) as bridge:
+        assert actor.send("GoTo", "go_to", **far, on_client_loss="cancel")
+        actor.wait("feedback")
+        bridge.kill()
+        wait_for(lambda: uav.status().code == StatusCode.HOVER, "it flies on without its client")
