@@ -33,7 +33,7 @@ from jezero.services.ros2_bridge.conversions import Context
 from jezero.services.ros2_bridge.geometry import RosMessage
 from jezero.services.ros2_bridge.messages import MissingTypesError, build, message_class, quality_of
 from jezero.services.ros2_bridge.requests import EstimatorParameters, GoalPose, serve_kill, serve_requests
-from jezero.services.ros2_bridge.rows import ROWS, TF, Quality, Row, ros_name, sources
+from jezero.services.ros2_bridge.rows import ROWS, TF, Quality, RosTopic, ros_name, sources
 
 CLOCK_HZ = 100.0
 CLOCK_AHEAD_MAX_NS = NS_PER_S // 5
@@ -87,7 +87,7 @@ class Bridge:
         self.invalid = 0
         self._time = VehicleTime()
         self._publishers: dict[tuple[str, str], Any] = {}
-        self._rows: dict[str, list[Row]] = {}
+        self._rows: dict[str, list[RosTopic]] = {}
         self._images: Subscription[Any] | None = None
         self._planned = ""
         for row in ROWS:

@@ -20,7 +20,7 @@ from jezero.schemas.state import StatusCode
 from jezero.schemas.topics import CAMERA_INFO, key
 from jezero.services.ros2_bridge.conversions import Context
 from jezero.services.ros2_bridge.geometry import RosMessage
-from jezero.services.ros2_bridge.rows import ROWS, TF, Row, ros_name
+from jezero.services.ros2_bridge.rows import ROWS, TF, RosTopic, ros_name
 from tests.system.conftest import Stack
 from tests.system.ros.conftest import Ros
 
@@ -78,7 +78,7 @@ def heard(listener: "subprocess.Popen[str]") -> dict[str, list[dict[str, Any]]]:
     return found
 
 
-def full_name(row: Row, namespace: str) -> str:
+def full_name(row: RosTopic, namespace: str) -> str:
     return row.name if row.name.startswith("/") else f"/{namespace}/{row.name}"
 
 
@@ -114,7 +114,7 @@ class Published:
             self._keep(session, vehicle, row)
         session.declare_subscriber(key(vehicle, CAMERA_INFO.name), self._on_info)
 
-    def _keep(self, session: zenoh.Session, vehicle: str, row: Row) -> None:
+    def _keep(self, session: zenoh.Session, vehicle: str, row: RosTopic) -> None:
         def on_sample(sample: zenoh.Sample) -> None:
             message = decode(row.source.type, data_of(sample))
             self.by_time[row.source.name][message.t_ns] = message
