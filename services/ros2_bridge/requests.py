@@ -16,6 +16,7 @@ from jezero.schemas.estimate import SetParameters
 from jezero.services.ros2_bridge.conversions import Context
 from jezero.services.ros2_bridge.fields import POINT, RosField, ros_fields
 from jezero.services.ros2_bridge.messages import message_class
+from jezero.services.ros2_bridge.rows import ABORT, HOVER, KILL, RETURN_HOME, RosService
 
 Refuse = Callable[[str, str], None]
 """Publishes what was refused, and why."""
@@ -44,8 +45,9 @@ def serve_requests(node: Node, uav: Vehicle) -> None:
     def return_home(request: Any) -> str:
         return f"goal {uav.return_home().goal_id} flies home"
 
-    for ask in (hover, abort, return_home):
-        _serve(node, "std_srvs/srv/Trigger", ask.__name__, ask)
+    _serve(node, HOVER, hover)
+    _serve(node, ABORT, abort)
+    _serve(node, RETURN_HOME, return_home)
 
 
 def serve_kill(node: Node, uav: Vehicle) -> None:
@@ -59,10 +61,10 @@ def serve_kill(node: Node, uav: Vehicle) -> None:
         uav.kill(confirm=request.confirm, vehicle=request.vehicle)
         return "the motors are off"
 
-    _serve(node, "jezero_interfaces/srv/Kill", "kill", kill)
+    _serve(node, KILL, kill)
 
 
-def _serve(node: Node, kind: str, name: str, ask: Callable[[Any], str]) -> None:
+def _serve(node: Node, service: RosService, ask: Callable[[Any], str]) -> None:
     """Make a service whose response is a success with a sentence, or a failure with its reason."""
 
     def on_request(request: Any, response: Any) -> Any:
@@ -73,7 +75,7 @@ def _serve(node: Node, kind: str, name: str, ask: Callable[[Any], str]) -> None:
             response.message, response.success = str(error), False
         return response
 
-    node.create_service(message_class(kind), name, on_request, callback_group=ReentrantCallbackGroup())
+    node.create_service(message_class(service.type), service.name, on_request, callback_group=ReentrantCallbackGroup())
 
 
 class EstimatorParameters:

@@ -1,4 +1,4 @@
-"""The table of ROS topics: what each is made from, its type, its frames and its quality of service.
+"""The table of ROS topics: what each is made from, its type, its frames and its quality of service; and the services.
 
 The bridge, the export of rosbags and the reference page read it. Names of topics and frames are below the vehicle's:
 `/uav1/odometry`, `uav1/base_link`.
@@ -172,6 +172,31 @@ ROWS: tuple[RosTopic, ...] = (
     ),
 )
 """Every topic that the bridge publishes, beside `/clock` and `/tf_static`."""
+
+
+@dataclass(frozen=True)
+class RosService:
+    """One service in ROS.
+
+    Attributes:
+        name: below the vehicle's namespace.
+        type: of its requests and responses.
+        about: its effect, for people.
+    """
+
+    name: str
+    type: str
+    about: str
+
+
+TRIGGER = "std_srvs/srv/Trigger"
+HOVER = RosService("hover", TRIGGER, "brake and hover, which ends the goal in charge")
+ABORT = RosService("abort", TRIGGER, "end the goal in charge at once: hover, or disarm on the ground")
+RETURN_HOME = RosService("return_home", TRIGGER, "fly home and land; it succeeds when the goal is accepted")
+KILL = RosService(
+    "kill", "jezero_interfaces/srv/Kill", "stop the motors, also in the air, with `confirm` and the vehicle's name"
+)
+SERVICES = (HOVER, ABORT, RETURN_HOME, KILL)
 
 
 def sources() -> Iterator[Topic[Any]]:

@@ -7,7 +7,7 @@ from jezero.schemas.estimate import SetParameters
 from jezero.schemas.topics import ACTIONS
 from jezero.services.ros2_bridge import geometry
 from jezero.services.ros2_bridge.fields import AS_JSON, LEFT_OUT, RULES, Rule, interface_name, ros_fields
-from jezero.services.ros2_bridge.rows import ROWS
+from jezero.services.ros2_bridge.rows import ROWS, SERVICES
 
 OPENING = """# Topics, frames, actions and services in ROS 2
 
@@ -66,12 +66,6 @@ The first line that fits a field applies. {", ".join(f"`{name}`" for name in LEF
 sequence. A field that may be none becomes a sequence of at most one, such as `float64[<=1]`, that is empty for none.
 A position in the frame `world` is one in `map`, but it has a height of 0 for a vehicle that stands on the ground, where
 `base_link`, its centre of mass, is already above it."""
-SERVICES = (
-    ("hover", "std_srvs/srv/Trigger", "brake and hover, which ends the goal in charge"),
-    ("abort", "std_srvs/srv/Trigger", "end the goal in charge at once: hover, or disarm on the ground"),
-    ("return_home", "std_srvs/srv/Trigger", "fly home and land; it succeeds when the goal is accepted"),
-    ("kill", "jezero_interfaces/srv/Kill", "stop the motors, also in the air, with `confirm` and the vehicle's name"),
-)
 PARAMETERS_TEXT = """## Parameters
 
 The node `jezero_bridge` has the estimator's parameters with the values that they had when it started; it has none where
@@ -96,7 +90,7 @@ def page() -> str:
     rows += [dict(zip(names, (f"`{o[0]}`", f"`{o[1]}`", *o[2:]), strict=True)) for o in OWN]
     frames = [{"frame": f"`{name}`", "where it is": about} for name, about in FRAMES]
     axes = (geometry.__doc__ or "").partition("\n\n")[2].strip()
-    services = [{"service": f"`{name}`", "type": f"`{kind}`", "effect": effect} for name, kind, effect in SERVICES]
+    services = [{"service": f"`{each.name}`", "type": f"`{each.type}`", "effect": each.about} for each in SERVICES]
     parts = (
         *(OPENING, table(rows), "## Frames", table(frames), "## Axes", axes),
         *(ACTIONS_TEXT, table(_actions()), RULES_TEXT, table([_rule_row(rule) for rule in (*RULES, AS_JSON)])),

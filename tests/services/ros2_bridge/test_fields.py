@@ -71,6 +71,8 @@ GOALS = st.one_of(
     ),
 )
 
+STRUCTS: list[Any] = [kind for a in ACTIONS.values() for kind in (a.goal_type, a.feedback_type, a.result_type)]
+
 
 def as_received(value: Any) -> Any:
     """A message as rclpy has it: fields are attributes."""
@@ -130,13 +132,11 @@ def test_text_that_is_not_json_is_an_error_that_names_the_field() -> None:
 
 @pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.jezero)
 def test_every_rule_is_the_rule_of_a_field(rule: Any) -> None:
-    structs = [kind for a in ACTIONS.values() for kind in (a.goal_type, a.feedback_type, a.result_type)]
-    assert any(field.rule is rule for struct in structs for field in ros_fields(struct))
+    assert any(field.rule is rule for struct in STRUCTS for field in ros_fields(struct))
 
 
 def test_only_what_has_no_type_in_ros_travels_as_json() -> None:
-    structs = [kind for a in ACTIONS.values() for kind in (a.goal_type, a.feedback_type, a.result_type)]
-    as_json = {field.source for struct in structs for field in ros_fields(struct) if field.rule is AS_JSON}
+    as_json = {field.source for struct in STRUCTS for field in ros_fields(struct) if field.rule is AS_JSON}
     assert as_json == {"holes_ned_m", "origin_deg", "images", "resume", "landing"}
 
 
