@@ -145,11 +145,11 @@ def actor(shared_stack: Stack, ros_with_interfaces: Ros) -> Iterator[Actor]:
 
 @pytest.fixture
 def flying(uav: Vehicle) -> Iterator[None]:
-    """The vehicle hovers at 3 m, and lands after the test."""
+    """The vehicle hovers before the test, and has no goal after it."""
     if uav.status().code != StatusCode.HOVER:
         uav.takeoff(altitude_m=3.0).result(TIMEOUT_S)
     yield
-    if uav.status().code not in (StatusCode.IDLE, StatusCode.HOVER):
+    if uav.status().goal_id:
         uav.hover()
 
 
@@ -313,7 +313,7 @@ def test_a_bridge_without_the_interfaces_says_so_and_publishes(shared_stack: Sta
 def test_return_home_lands(uav: Vehicle, actor: Actor, flying: None) -> None:
     response = actor.call("std_srvs/srv/Trigger", "return_home")
     assert response["success"], response["message"]
-    wait_for(lambda: not uav.status().armed, "it has not landed")
+    wait_for(lambda: uav.status().code == StatusCode.IDLE, "it has not landed")
 
 
 def test_a_bridge_that_ends_leaves_its_goal_to_the_rule_that_the_goal_has(
