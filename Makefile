@@ -83,6 +83,7 @@ speed: setup
 
 reference: setup
 	for page in topics actions settings commands python ros2; do $(BIN)/jezero info page $$page --own > docs/reference/$$page.md || exit 1; done
+	$(BIN)/python -m jezero.cli.reference.ros2_interfaces
 
 images: setup
 	$(BIN)/python -m benchmarks.docs_images

@@ -170,6 +170,8 @@ class Vehicle:
     hover = in_thread(client.Vehicle.hover)
     fence = in_thread(client.Vehicle.fence)
     set_fence = in_thread(client.Vehicle.set_fence)
+    estimator_parameters = in_thread(client.Vehicle.estimator_parameters)
+    set_estimator_parameters = in_thread(client.Vehicle.set_estimator_parameters)
     abort = in_thread(client.Vehicle.abort)
     kill = in_thread(client.Vehicle.kill)
     pause = in_thread(client.Vehicle.pause)

@@ -18,12 +18,14 @@ def ros2() -> None:
 @ros2.command()
 @click.option("--clock/--no-clock", default=True, show_default=True,
               help="Publish /clock; for one vehicle only, where there are several.")  # fmt: skip
+@click.option("--commands", is_flag=True, help="Fly to each pose that is published on goal_pose.")
 @vehicle_options
-def bridge(vehicle: str, router: str, clock: bool) -> None:
-    """Publish the vehicle's topics in ROS 2, until Ctrl+C.
+def bridge(vehicle: str, router: str, clock: bool, commands: bool) -> None:
+    """Publish the vehicle's topics in ROS 2, and serve its actions, services and parameters, until Ctrl+C.
 
-    It runs where ROS 2 is, in a sourced environment, and connects to the vehicle's router as any client does. Its
-    topics are in the vehicle's namespace, such as /uav1/odometry.
+    It runs where ROS 2 is, in a sourced environment, and connects to the vehicle's router as any client does. All
+    names are in the vehicle's namespace, such as /uav1/odometry and /uav1/takeoff. Actions need the package
+    jezero_interfaces of deploy/ros2 in that environment.
     """
     try:
         import rclpy  # noqa: F401
@@ -39,7 +41,7 @@ def bridge(vehicle: str, router: str, clock: bool) -> None:
     config = load_config(VehicleConfig, "vehicle")
     try:
         with Vehicle.connect(vehicle, router=router) as uav:
-            run_bridge(uav, vehicle, config, uses_clock=clock)
+            run_bridge(uav, vehicle, config, uses_clock=clock, commands=commands)
     except JezeroError as error:
         raise click.ClickException(str(error)) from None
     sys.exit(0)

@@ -3,17 +3,21 @@
 from collections.abc import Mapping
 from typing import Any
 
+import msgspec
+
+from jezero.base.mistakes import mistake
 from jezero.client.errors import Refused
 from jezero.client.goal import await_pause, modify_goal, request_pause, resume_goal
 from jezero.client.goal_sender import GoalSender
 from jezero.client.session import Connection, decode
 from jezero.client.status import REPLY_TIMEOUT_S, request_status
 from jezero.schemas.commands import Abort, AbortReply, Hover, HoverReply, Kill, KillReply, Phase
+from jezero.schemas.estimate import GetParameters, ParametersReply, SetParameters
 from jezero.schemas.fence import Fence, FenceReply, FenceState, SetFence
 from jezero.schemas.goals import Goal, LandOnSpotGoal
 from jezero.schemas.rows import Action
 from jezero.schemas.state import STATUS_WORDS, StatusCode
-from jezero.schemas.topics import ABORT, FENCE, HOVER, KILL, LAND_ON_SPOT, SET_FENCE
+from jezero.schemas.topics import ABORT, FENCE, GET_PARAMETERS, HOVER, KILL, LAND_ON_SPOT, SET_FENCE, SET_PARAMETERS
 
 HOVER_TIMEOUT_S = 10.0
 """Longest wait for a hover: a goal that ends near the ground climbs first, and taking control back takes seconds."""
@@ -52,6 +56,26 @@ def set_fence(connection: Connection, fence: Fence | None) -> None:
     reply: FenceReply = connection.request(SET_FENCE, SetFence(fence=fence), REPLY_TIMEOUT_S)
     if not reply.accepted:
         raise Refused(reply.reason)
+
+
+def estimator_parameters(connection: Connection) -> SetParameters:
+    """See `Vehicle.estimator_parameters`."""
+    return _parameters(connection.request(GET_PARAMETERS, GetParameters(), REPLY_TIMEOUT_S))
+
+
+def set_estimator_parameters(connection: Connection, fields: Mapping[str, Any]) -> SetParameters:
+    """See `Vehicle.set_estimator_parameters`."""
+    try:
+        request = msgspec.convert(dict(fields), SetParameters)
+    except msgspec.ValidationError as error:
+        raise ValueError(mistake(error, SetParameters)) from None
+    return _parameters(connection.request(SET_PARAMETERS, request, REPLY_TIMEOUT_S))
+
+
+def _parameters(reply: ParametersReply) -> SetParameters:
+    if not reply.accepted or reply.parameters is None:
+        raise Refused(reply.reason)
+    return reply.parameters
 
 
 def goal_in_charge(connection: Connection) -> tuple[Action[Any], str]:

@@ -24,7 +24,7 @@ from jezero.keys.members import KeysError
 from jezero.schemas import topics
 from jezero.schemas.actions import PlanReply, ResultReply
 from jezero.schemas.commands import AbortReply
-from jezero.schemas.estimate import Relative
+from jezero.schemas.estimate import Relative, SetParameters
 from jezero.schemas.fence import Fence, FenceState
 from jezero.schemas.goals import (
     AreaCoverageGoal,
@@ -177,6 +177,25 @@ class Vehicle:
             Refused: the vehicle is armed.
         """
         control.set_fence(self._connection, fence)
+
+    def estimator_parameters(self) -> SetParameters:
+        """The estimator's parameters."""
+        return control.estimator_parameters(self._connection)
+
+    def set_estimator_parameters(self, /, **fields: Any) -> SetParameters:
+        """Change parameters of the estimator until it starts anew: `uav.set_estimator_parameters(std_uwb_m=0.2)`.
+
+        Args:
+            fields: new values by name, see `SetParameters`; all others stay.
+
+        Returns:
+            All parameters after the change.
+
+        Raises:
+            Refused: a value is out of range, and nothing was changed; the text is the reason.
+            ValueError: there is no such parameter, or its value has another type.
+        """
+        return control.set_estimator_parameters(self._connection, fields)
 
     def abort(self, reason: str = "") -> AbortReply:
         """End the goal in charge at once, also another client's: hover, or disarm if still on the ground."""

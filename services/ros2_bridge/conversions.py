@@ -19,6 +19,7 @@ from jezero.base.frames import (
     rotate_yaw,
 )
 from jezero.base.vehicle_config import VehicleConfig
+from jezero.schemas.commands import RoverCommand
 from jezero.schemas.estimate import Relative, RoverEstimate
 from jezero.schemas.fence import FenceState, Zone
 from jezero.schemas.health import ServiceHealth
@@ -283,6 +284,10 @@ def rover_odometry(m: RoverOdometry, context: Context) -> RosMessage:
         "twist": _with_covariance("Twist", moving, [UNKNOWN_M2] * 6),
     }
     return RosMessage("nav_msgs/msg/Odometry", fields)
+
+
+def rover_command(m: RoverCommand, context: Context) -> RosMessage:
+    return twist((m.speed_rover_body_mps, 0.0, 0.0), (0.0, 0.0, -m.yaw_rate_rover_rps))
 
 
 def rover_pose(m: RoverEstimate, context: Context) -> RosMessage | None:

@@ -1,22 +1,23 @@
-"""The bridge as a ROS node: publishes what the vehicle publishes, as ROS 2 has it. Imports rclpy.
+"""The bridge as a ROS node: publishes what the vehicle publishes, and passes requests of ROS on. Imports rclpy.
 
 Each topic of jezero has a thread of its own, which waits for messages, converts them and publishes them: a subscriber
 in ROS that is slow or stuck delays nobody. Images are large, and fetched only while somebody subscribes to them.
 """
 
+import signal
 import threading
 import time
 from collections.abc import Callable
-from functools import lru_cache, partial
-from importlib import import_module
+from functools import partial
 from typing import Any
 
 import rclpy
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock as RosClock
 from rclpy.clock_type import ClockType
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
 
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.client.errors import JezeroError, Unreachable
@@ -27,57 +28,22 @@ from jezero.schemas.rows import Topic
 from jezero.schemas.state import Clock, Status
 from jezero.schemas.units import NS_PER_S
 from jezero.services.ros2_bridge import conversions
+from jezero.services.ros2_bridge.action_servers import serve_actions
 from jezero.services.ros2_bridge.conversions import Context
 from jezero.services.ros2_bridge.geometry import RosMessage
-from jezero.services.ros2_bridge.rows import DEPTH, ROWS, TF, Quality, Row, ros_name, sources
+from jezero.services.ros2_bridge.messages import MissingTypesError, build, message_class, quality_of
+from jezero.services.ros2_bridge.requests import EstimatorParameters, GoalPose, serve_kill, serve_requests
+from jezero.services.ros2_bridge.rows import ROWS, TF, Quality, RosTopic, ros_name, sources
 
 CLOCK_HZ = 100.0
 CLOCK_AHEAD_MAX_NS = NS_PER_S // 5
 """Vehicle time is not guessed for longer than this after the last clock: then its master stands still."""
 DEMAND_PERIOD_S = 0.5
-
-
-class MissingTypesError(Exception):
-    """A package of message types isn't there; the text says which one."""
-
-
-@lru_cache
-def message_class(name: str) -> Any:
-    """Class of a message type such as "nav_msgs/msg/Odometry".
-
-    Raises:
-        MissingTypesError: its package is not in this ROS environment.
-    """
-    package, kind, word = name.split("/")
-    try:
-        return getattr(import_module(f"{package}.{kind}"), word)
-    except (ImportError, AttributeError):
-        raise MissingTypesError(f"{name} is not in this ROS environment: install the package {package}") from None
-
-
-def build(message: RosMessage) -> Any:
-    """The message of rclpy."""
-    ros = message_class(message.type)()
-    for name, value in message.fields.items():
-        setattr(ros, name, _built(value))
-    return ros
-
-
-def _built(value: Any) -> Any:
-    if isinstance(value, RosMessage):
-        return build(value)
-    if isinstance(value, list):
-        return [_built(each) for each in value]
-    return value
-
-
-def quality_of(quality: Quality) -> QoSProfile:
-    """Quality of service of a topic. Source: REP 2003."""
-    return QoSProfile(
-        depth=DEPTH[quality],
-        reliability=ReliabilityPolicy.BEST_EFFORT if quality == "sensor" else ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if quality == "latched" else DurabilityPolicy.VOLATILE,
-    )
+SPIN_S = 0.2
+END_S = 1.0
+"""Time in which clients of ROS get their last results."""
+THREADS = 12
+"""A goal in flight keeps one, and a request until the vehicle replies."""
 
 
 class VehicleTime:
@@ -121,7 +87,7 @@ class Bridge:
         self.invalid = 0
         self._time = VehicleTime()
         self._publishers: dict[tuple[str, str], Any] = {}
-        self._rows: dict[str, list[Row]] = {}
+        self._rows: dict[str, list[RosTopic]] = {}
         self._images: Subscription[Any] | None = None
         self._planned = ""
         for row in ROWS:
@@ -136,9 +102,11 @@ class Bridge:
                 self._follow(source, partial(self._on_message, source.name))
         self._follow(topics.CLOCK, self._time.on_clock)
         wall = RosClock(clock_type=ClockType.STEADY_TIME)
-        node.create_timer(DEMAND_PERIOD_S, self._follow_demand, clock=wall)
+        # Groups of their own: a request on the node's parameters may wait for the vehicle.
+        own = MutuallyExclusiveCallbackGroup
+        node.create_timer(DEMAND_PERIOD_S, self._follow_demand, clock=wall, callback_group=own())
         if self._clock is not None:
-            node.create_timer(1.0 / CLOCK_HZ, self._publish_clock, clock=wall)
+            node.create_timer(1.0 / CLOCK_HZ, self._publish_clock, clock=wall, callback_group=own())
 
     def _publisher(self, name: str, kind: str, quality: Quality) -> Any:
         """The publisher of a topic; None where the environment lacks its type, which is said once."""
@@ -207,7 +175,37 @@ class Bridge:
         self._plan.publish(build(conversions.path(status.t_ns, way_ned_m, self._context)))
 
 
-def run_bridge(uav: Vehicle, vehicle: str, config: VehicleConfig, *, uses_clock: bool) -> None:
+def serve(node: Node, uav: Vehicle, context: Context, is_ending: Callable[[], bool], *, commands: bool) -> None:
+    """Make what clients of ROS request: actions, services, parameters, and the topic `goal_pose`.
+
+    What this ROS environment or the vehicle lacks is left out, which is logged in one sentence.
+
+    Args:
+        is_ending: whether the bridge is about to end.
+        commands: whether a message on `goal_pose` flies the vehicle.
+    """
+    log = node.get_logger()
+    refusals = node.create_publisher(message_class("std_msgs/msg/String"), "refusals", quality_of("state"))
+
+    def refuse(what: str, reason: str) -> None:
+        log.warning(f"{what} was refused: {reason}")
+        refusals.publish(build(RosMessage("std_msgs/msg/String", {"data": f"{what}: {reason}"})))
+
+    serve_requests(node, uav)
+    try:
+        serve_kill(node, uav)
+        serve_actions(node, uav, refuse, is_ending)
+    except MissingTypesError as error:
+        log.warning(f"actions and the service kill are left out: {error} (deploy/ros2 of jezero)")
+    try:
+        EstimatorParameters(node, uav)
+    except JezeroError as error:
+        log.warning(f"the estimator's parameters are left out: {error}")
+    if commands:
+        GoalPose(node, uav, context, refuse)
+
+
+def run_bridge(uav: Vehicle, vehicle: str, config: VehicleConfig, *, uses_clock: bool, commands: bool) -> None:
     """Run the bridge until Ctrl+C or SIGTERM.
 
     Args:
@@ -215,15 +213,25 @@ def run_bridge(uav: Vehicle, vehicle: str, config: VehicleConfig, *, uses_clock:
         vehicle: its name.
         config: its dimensions.
         uses_clock: whether `/clock` is published.
+        commands: as in `serve`.
     """
-    rclpy.init()
+    ending = threading.Event()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, frame: ending.set())
     name = ros_name(vehicle)
     node = Node("jezero_bridge", namespace=name)
+    context = Context(name, config)
+    executor = MultiThreadedExecutor(THREADS)
+    executor.add_node(node)
     try:
-        Bridge(node, uav, Context(name, config), uses_clock=uses_clock)
+        Bridge(node, uav, context, uses_clock=uses_clock)
+        serve(node, uav, context, ending.is_set, commands=commands)
         node.get_logger().info(f"{vehicle} is in /{name}")
-        rclpy.spin(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
+        while not ending.is_set():
+            executor.spin_once(SPIN_S)
+        end_s = time.monotonic() + END_S
+        while time.monotonic() < end_s:
+            executor.spin_once(SPIN_S)
     finally:
         rclpy.try_shutdown()

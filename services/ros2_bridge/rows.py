@@ -1,4 +1,4 @@
-"""The table of ROS topics: what each is made from, its type, its frames and its quality of service.
+"""The table of ROS topics: what each is made from, its type, its frames and its quality of service; and the services.
 
 The bridge, the export of rosbags and the reference page read it. Names of topics and frames are below the vehicle's:
 `/uav1/odometry`, `uav1/base_link`.
@@ -25,7 +25,7 @@ Convert = Callable[[Any, Context], RosMessage | None]
 
 
 @dataclass(frozen=True)
-class Row:
+class RosTopic:
     """One ROS topic.
 
     Attributes:
@@ -49,8 +49,8 @@ EVERY_HEALTH: Topic[ServiceHealth] = Topic("health/*", ServiceHealth, 1.0, "ever
 TF = "tf2_msgs/msg/TFMessage"
 POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 
-ROWS: tuple[Row, ...] = (
-    Row(
+ROWS: tuple[RosTopic, ...] = (
+    RosTopic(
         "odometry",
         "nav_msgs/msg/Odometry",
         topics.ODOMETRY,
@@ -58,12 +58,12 @@ ROWS: tuple[Row, ...] = (
         "state",
         "`odom` → `base_link`; the twist is in `base_link`",
     ),
-    Row("/tf", TF, topics.ODOMETRY, make.vehicle_transforms, "state", "`map` → `odom` → `base_link`"),
-    Row("imu", "sensor_msgs/msg/Imu", topics.IMU, make.imu, "sensor", "in `imu`; without an orientation"),
-    Row("fix", "sensor_msgs/msg/NavSatFix", topics.GNSS, make.fix, "sensor", "the receiver's own position"),
-    Row("pressure", "sensor_msgs/msg/FluidPressure", topics.BARO, make.pressure, "sensor", "in Pa"),
-    Row("mag", "sensor_msgs/msg/MagneticField", topics.MAG, make.magnetic_field, "sensor", "in `imu`, in tesla"),
-    Row(
+    RosTopic("/tf", TF, topics.ODOMETRY, make.vehicle_transforms, "state", "`map` → `odom` → `base_link`"),
+    RosTopic("imu", "sensor_msgs/msg/Imu", topics.IMU, make.imu, "sensor", "in `imu`; without an orientation"),
+    RosTopic("fix", "sensor_msgs/msg/NavSatFix", topics.GNSS, make.fix, "sensor", "the receiver's own position"),
+    RosTopic("pressure", "sensor_msgs/msg/FluidPressure", topics.BARO, make.pressure, "sensor", "in Pa"),
+    RosTopic("mag", "sensor_msgs/msg/MagneticField", topics.MAG, make.magnetic_field, "sensor", "in `imu`, in tesla"),
+    RosTopic(
         "altimeter",
         "sensor_msgs/msg/Range",
         topics.ALTIMETER,
@@ -71,7 +71,7 @@ ROWS: tuple[Row, ...] = (
         "sensor",
         "along x of `altimeter`; inf for nothing met",
     ),
-    Row(
+    RosTopic(
         "battery",
         "sensor_msgs/msg/BatteryState",
         topics.STATUS,
@@ -79,8 +79,10 @@ ROWS: tuple[Row, ...] = (
         "state",
         "percentage from 0 to 1, NaN for unknown",
     ),
-    Row("wind", "geometry_msgs/msg/Vector3Stamped", topics.STATUS, make.wind, "state", "velocity of the air in `map`"),
-    Row(
+    RosTopic(
+        "wind", "geometry_msgs/msg/Vector3Stamped", topics.STATUS, make.wind, "state", "velocity of the air in `map`"
+    ),
+    RosTopic(
         "/diagnostics",
         "diagnostic_msgs/msg/DiagnosticArray",
         topics.STATUS,
@@ -88,7 +90,7 @@ ROWS: tuple[Row, ...] = (
         "state",
         "status of the vehicle",
     ),
-    Row(
+    RosTopic(
         "/diagnostics",
         "diagnostic_msgs/msg/DiagnosticArray",
         EVERY_HEALTH,
@@ -96,7 +98,7 @@ ROWS: tuple[Row, ...] = (
         "state",
         "health of each service",
     ),
-    Row(
+    RosTopic(
         "relative_pose",
         POSE,
         topics.RELATIVE,
@@ -104,7 +106,7 @@ ROWS: tuple[Row, ...] = (
         "state",
         "`base_link` in `platform`, while it is valid",
     ),
-    Row(
+    RosTopic(
         "rover/odometry",
         "nav_msgs/msg/Odometry",
         topics.ROVER_ODOMETRY,
@@ -112,9 +114,19 @@ ROWS: tuple[Row, ...] = (
         "state",
         "`rover_odom` → `rover`, by its wheels and compass",
     ),
-    Row("rover/pose", POSE, topics.ROVER_ESTIMATE, make.rover_pose, "state", "`platform` in `map`, while it is valid"),
-    Row("/tf", TF, topics.ROVER_ESTIMATE, make.rover_transform, "state", "`map` → `platform`"),
-    Row(
+    RosTopic(
+        "rover/cmd_vel",
+        "geometry_msgs/msg/Twist",
+        topics.ROVER_COMMAND,
+        make.rover_command,
+        "state",
+        "drive commands of jezero's clients; a rover of ROS must stop when none comes for half a second",
+    ),
+    RosTopic(
+        "rover/pose", POSE, topics.ROVER_ESTIMATE, make.rover_pose, "state", "`platform` in `map`, while it is valid"
+    ),
+    RosTopic("/tf", TF, topics.ROVER_ESTIMATE, make.rover_transform, "state", "`map` → `platform`"),
+    RosTopic(
         "camera/image_raw",
         "sensor_msgs/msg/Image",
         topics.CAMERA,
@@ -122,7 +134,7 @@ ROWS: tuple[Row, ...] = (
         "sensor",
         "in `camera_optical`; only while somebody subscribes",
     ),
-    Row(
+    RosTopic(
         "camera/camera_info",
         "sensor_msgs/msg/CameraInfo",
         topics.CAMERA,
@@ -130,7 +142,7 @@ ROWS: tuple[Row, ...] = (
         "sensor",
         "one for each image",
     ),
-    Row(
+    RosTopic(
         "camera/preview/compressed",
         "sensor_msgs/msg/CompressedImage",
         topics.CAMERA_PREVIEW,
@@ -138,9 +150,11 @@ ROWS: tuple[Row, ...] = (
         "sensor",
         "small pictures, twice a second",
     ),
-    Row("/tf", TF, topics.CAMERA_PREVIEW, make.camera_transform, "state", "`base_link` → `camera_optical`"),
-    Row("path", "nav_msgs/msg/Path", topics.ODOMETRY, make.flown_path, "state", "where the vehicle has been, in `map`"),
-    Row(
+    RosTopic("/tf", TF, topics.CAMERA_PREVIEW, make.camera_transform, "state", "`base_link` → `camera_optical`"),
+    RosTopic(
+        "path", "nav_msgs/msg/Path", topics.ODOMETRY, make.flown_path, "state", "where the vehicle has been, in `map`"
+    ),
+    RosTopic(
         "markers/uncertainty",
         "visualization_msgs/msg/Marker",
         topics.RELATIVE,
@@ -148,7 +162,7 @@ ROWS: tuple[Row, ...] = (
         "state",
         "of the relative position, two standard deviations",
     ),
-    Row(
+    RosTopic(
         "markers/fence",
         "visualization_msgs/msg/MarkerArray",
         topics.FENCE,
@@ -158,6 +172,31 @@ ROWS: tuple[Row, ...] = (
     ),
 )
 """Every topic that the bridge publishes, beside `/clock` and `/tf_static`."""
+
+
+@dataclass(frozen=True)
+class RosService:
+    """One service in ROS.
+
+    Attributes:
+        name: below the vehicle's namespace.
+        type: of its requests and responses.
+        about: its effect, for people.
+    """
+
+    name: str
+    type: str
+    about: str
+
+
+TRIGGER = "std_srvs/srv/Trigger"
+HOVER = RosService("hover", TRIGGER, "brake and hover, which ends the goal in charge")
+ABORT = RosService("abort", TRIGGER, "end the goal in charge at once: hover, or disarm on the ground")
+RETURN_HOME = RosService("return_home", TRIGGER, "fly home and land; it succeeds when the goal is accepted")
+KILL = RosService(
+    "kill", "jezero_interfaces/srv/Kill", "stop the motors, also in the air, with `confirm` and the vehicle's name"
+)
+SERVICES = (HOVER, ABORT, RETURN_HOME, KILL)
 
 
 def sources() -> Iterator[Topic[Any]]:

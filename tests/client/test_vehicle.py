@@ -22,6 +22,7 @@ from jezero.schemas.actions import (
     ResumeReply,
 )
 from jezero.schemas.commands import AbortReply, HoverReply, KillReply
+from jezero.schemas.estimate import ParametersReply, SetParameters
 from jezero.schemas.goals import MoveResult, TakeoffGoal
 from jezero.schemas.state import Status, StatusCode
 from tests.client.rig import (
@@ -336,6 +337,24 @@ def test_a_refused_hover_or_kill_raises(vehicle: Vehicle, server: Server) -> Non
         vehicle.hover()
     with pytest.raises(Refused, match="not confirmed"):
         vehicle.kill()
+
+
+def test_the_estimators_parameters_are_read_and_changed(vehicle: Vehicle, server: Server) -> None:
+    after = SetParameters(std_uwb_m=0.2, use_tag=True)
+    server.serve("@estimator/parameters/get", ParametersReply(accepted=True, parameters=after))
+    server.serve("@estimator/parameters/set", ParametersReply(accepted=True, parameters=after))
+    assert vehicle.estimator_parameters() == after
+    assert vehicle.set_estimator_parameters(std_uwb_m=0.2) == after
+    assert {name: value for name, value in server.asked[-1][2].items() if value is not None} == {"std_uwb_m": 0.2}
+    for wrong, what in ({"std_uwb": 0.2}, "std_uwb"), ({"std_uwb_m": "small"}, "std_uwb_m"):
+        with pytest.raises(ValueError, match=what):
+            vehicle.set_estimator_parameters(**wrong)
+
+
+def test_a_refused_parameter_raises(vehicle: Vehicle, server: Server) -> None:
+    server.serve("@estimator/parameters/set", ParametersReply(accepted=False, reason="std_uwb_m is too large"))
+    with pytest.raises(Refused, match="too large"):
+        vehicle.set_estimator_parameters(std_uwb_m=50.0)
 
 
 def test_status_is_read_and_watched(vehicle: Vehicle, server: Server) -> None:

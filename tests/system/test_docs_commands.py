@@ -56,6 +56,7 @@ REASONS = {
     "example of a command's help",
     "needs Docker",
     "needs PX4",
+    "needs ROS 2",
     "needs a file of your own",
     "needs a flight that ended early",
     "needs an installed package",

@@ -1,12 +1,15 @@
-"""The page of topics and frames in ROS 2, from the table that the bridge publishes by."""
+"""The page of topics, frames, actions and services in ROS 2, from the tables that the bridge works by."""
 
 from typing import Any
 
-from jezero.cli.reference.words import table
+from jezero.cli.reference.words import fields_of, summary_of, table
+from jezero.schemas.estimate import SetParameters
+from jezero.schemas.topics import ACTIONS
 from jezero.services.ros2_bridge import geometry
-from jezero.services.ros2_bridge.rows import ROWS
+from jezero.services.ros2_bridge.fields import AS_JSON, LEFT_OUT, RULES, Rule, interface_name, ros_fields
+from jezero.services.ros2_bridge.rows import ROWS, SERVICES
 
-OPENING = """# Topics and frames in ROS 2
+OPENING = """# Topics, frames, actions and services in ROS 2
 
 `jezero ros2 bridge` publishes these topics in the vehicle's namespace, such as `/uav1/odometry`; a name that begins
 with `/` is as it is. Names of frames begin with the vehicle's too, such as `uav1/base_link`. A bag that
@@ -27,6 +30,13 @@ OWN = (
         "reliable, latched",
         "the goal's way in `map`; empty without a goal",
     ),
+    (
+        "refusals",
+        "std_msgs/msg/String",
+        "goals of ROS that were refused",
+        "reliable",
+        "name of the action, and the reason: ROS itself rejects a goal without one",
+    ),
 )
 QUALITY = {"sensor": "best effort", "state": "reliable", "latched": "reliable, latched"}
 """Words for the qualities of service."""
@@ -43,6 +53,32 @@ FRAMES = (
     ("rover", "the rover, in `rover_odom`"),
 )
 
+ACTIONS_TEXT = """## Actions
+
+The types are in the package `jezero_interfaces` (`deploy/ros2`), whose definitions explain each field. Their fields
+are those of the [actions](actions.md) by the rules below. A goal flies by the same rules as every client's:
+`on_client_loss` is the reaction to a bridge that disappears. What the vehicle refuses is rejected in ROS, and the
+reason is published on `refusals`. A goal that another client ends is aborted in ROS, and its `outcome` says more."""
+FLY_ACTION_TEXT = "any action, also one that a package adds: its name, and its fields as JSON"
+RULES_TEXT = f"""### Fields
+
+The first line that fits a field applies. {", ".join(f"`{name}`" for name in LEFT_OUT)} are left out. A list becomes a
+sequence. A field that may be none becomes a sequence of at most one, such as `float64[<=1]`, that is empty for none.
+A position in the frame `world` is one in `map`, but it has a height of 0 for a vehicle that stands on the ground, where
+`base_link`, its centre of mass, is already above it."""
+PARAMETERS_TEXT = """## Parameters
+
+The node `jezero_bridge` has the estimator's parameters with the values that they had when it started; it has none where
+the estimator did not reply then. To set one sets it in the estimator, for all its users; a value out of range is
+refused with a reason."""
+SUBSCRIBED_TEXT = """## Topics that the bridge reads
+
+Only with `--commands`: a `geometry_msgs/msg/PoseStamped` on `goal_pose` in the frame `map` of the vehicle, such as
+`uav1/map`, flies `base_link` there. A height of exactly 0, as RViz draws poses, keeps the present height. The
+orientation's heading is that at the target; a quaternion of zeros keeps the heading. A pose that arrives during the
+flight to the last one changes its target. There is no `cmd_vel` for the vehicle, as jezero flies goals and no
+velocities."""
+
 
 def page() -> str:
     """The page."""
@@ -54,5 +90,36 @@ def page() -> str:
     rows += [dict(zip(names, (f"`{o[0]}`", f"`{o[1]}`", *o[2:]), strict=True)) for o in OWN]
     frames = [{"frame": f"`{name}`", "where it is": about} for name, about in FRAMES]
     axes = (geometry.__doc__ or "").partition("\n\n")[2].strip()
-    parts = (OPENING, table(rows), "## Frames", table(frames), "## Axes", axes)
+    services = [{"service": f"`{each.name}`", "type": f"`{each.type}`", "effect": each.about} for each in SERVICES]
+    parts = (
+        *(OPENING, table(rows), "## Frames", table(frames), "## Axes", axes),
+        *(ACTIONS_TEXT, table(_actions()), RULES_TEXT, table([_rule_row(rule) for rule in (*RULES, AS_JSON)])),
+        *("## Services", table(services), PARAMETERS_TEXT, table(_parameters()), SUBSCRIBED_TEXT),
+    )
     return "\n\n".join(parts) + "\n"
+
+
+def _actions() -> list[dict[str, str]]:
+    found = [(name, summary_of(action.goal_type)) for name, action in ACTIONS.items()]
+    return [
+        {"action": f"`{name}`", "type": f"`jezero_interfaces/action/{interface_name(name)}`", "goal": about}
+        for name, about in (*found, ("fly_action", FLY_ACTION_TEXT))
+    ]
+
+
+def _rule_row(rule: Rule) -> dict[str, str]:
+    ned, ros = rule.suffix
+    renamed = f"`..{ned}` → `..{ros}`" if ned else f"`..{ros}`" if ros else "the same"
+    return {"jezero": rule.jezero, "ROS": f"`{rule.type}`", "name": renamed, "value": rule.about or "the same"}
+
+
+def _parameters() -> list[dict[str, str]]:
+    meanings = {field.name: field.meaning for field in fields_of(SetParameters)}
+    return [
+        {
+            "parameter": f"`estimator.{field.name}`",
+            "value": f"3 numbers: east, north, up of `{field.source}`" if field.rule.about else field.rule.type,
+            "meaning": meanings[field.source],
+        }
+        for field in ros_fields(SetParameters)
+    ]

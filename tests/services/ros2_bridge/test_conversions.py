@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from jezero.base.frames import quat_normalize
 from jezero.base.vehicle_config import VehicleConfig
+from jezero.schemas.commands import RoverCommand
 from jezero.schemas.estimate import Relative, RoverEstimate
 from jezero.schemas.fence import Fence, FenceState, Zone
 from jezero.schemas.health import ServiceHealth
@@ -328,3 +329,9 @@ def test_each_source_is_followed_once_and_has_a_row() -> None:
     names = [source.name for source in sources()]
     assert len(names) == len(set(names))
     assert {row.source.name for row in ROWS} <= set(names)
+
+
+def test_a_drive_command_turns_anticlockwise_in_ros() -> None:
+    made = make.rover_command(RoverCommand(t_ns=T_NS, speed_rover_body_mps=0.5, yaw_rate_rover_rps=0.2), context())
+    assert at(made, "linear.x") == 0.5
+    assert at(made, "angular.z") == -0.2

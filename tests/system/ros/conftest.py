@@ -1,10 +1,11 @@
 """A ROS 2 environment from PyPI, in a venv of its own: for tests only, as nobody signs these packages."""
 
 import os
+import shutil
 import subprocess
 import sys
 import sysconfig
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
@@ -16,8 +17,30 @@ PACKAGES = (
     "ros-kilted-rmw-dds-common==4.0.0",
     "ros-kilted-fastdds==3.2.3",
 )
+BUILD_PACKAGES = (
+    "ros-kilted-ament-cmake==2.7.3",
+    "ros-kilted-ament-package==0.17.2",
+    "ros-kilted-ament-cmake-include-directories==2.7.3",
+    "ros-kilted-ament-cmake-pytest==2.7.3",
+    "ros-kilted-ament-cmake-gtest==2.7.3",
+    "ros-kilted-ament-cmake-gmock==2.7.3",
+    "ros-kilted-ament-cmake-vendor-package==2.7.3",
+    "ros-kilted-ament-cmake-ros==0.14.5",
+    "ros-kilted-ament-cmake-ros-core==0.14.5",
+    "ros-kilted-rosidl-default-generators==1.7.1",
+    "ros-kilted-rosidl-core-generators==0.3.1",
+    "catkin_pkg==1.1.1",
+)
+"""What builds interfaces, in the place of colcon and a distribution of ROS."""
+BUILD_TOOLS = ("cmake", "gcc", "g++", "ninja")
+BUILDERS_PYTHON = "/opt/python/cp311-cp311"
+"""Exported files of CMake name the Python of the computer that built the wheels."""
+HEADERS = """import sysconfig, numpy
+print(sysconfig.get_path("include"), numpy.get_include())
+"""
 ROOT = Path(__file__).resolve().parents[3]
 INSTALL_TIMEOUT_S = 240.0
+BUILD_TIMEOUT_S = 600.0
 DOMAIN_ID_MAX = 100
 """Each process of pytest has a domain of ROS, so that tests that run at the same time don't hear each other."""
 
@@ -28,9 +51,11 @@ class Ros:
 
     Attributes:
         python: its interpreter, which also finds jezero and what jezero needs.
+        interfaces: folder in which packages of messages are installed; None without any.
     """
 
     python: str
+    interfaces: Path | None = None
 
     def environment(self, base: dict[str, str]) -> dict[str, str]:
         """Environment variables of a process in it."""
@@ -42,6 +67,9 @@ class Ros:
             "ROS_PYTHON_CHECK_FIELDS": "1",
             "PYTHONUNBUFFERED": "1",
         }
+        if self.interfaces is not None:
+            own["PYTHONPATH"] = str(next(self.interfaces.glob("lib/python*/site-packages")))
+            own["LD_LIBRARY_PATH"] = str(self.interfaces / "lib")
         return kept | own
 
 
@@ -51,13 +79,7 @@ def ros(tmp_path_factory: pytest.TempPathFactory) -> Ros:
     folder = tmp_path_factory.mktemp("ros") / "venv"
     subprocess.run([sys.executable, "-m", "venv", folder], check=True, timeout=INSTALL_TIMEOUT_S)
     python = str(folder / "bin" / "python")
-    words = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *PACKAGES]
-    try:
-        done = subprocess.run(words, capture_output=True, text=True, timeout=INSTALL_TIMEOUT_S, check=False)
-    except subprocess.TimeoutExpired:
-        pytest.skip("rclpy can't be had from PyPI: pip takes too long")
-    if done.returncode != 0:
-        pytest.skip(f"rclpy can't be had from PyPI: {done.stderr.strip().splitlines()[-1]}")
+    install(python, "rclpy", PACKAGES)
     packages = subprocess.run(
         [python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))"],
         capture_output=True,
@@ -68,3 +90,52 @@ def ros(tmp_path_factory: pytest.TempPathFactory) -> Ros:
     here = (str(ROOT), sysconfig.get_path("purelib"))
     (Path(packages.stdout.strip()) / "jezero-of-the-tests.pth").write_text("\n".join(here) + "\n")
     return Ros(python)
+
+
+def install(python: str, what: str, packages: tuple[str, ...]) -> None:
+    """Install packages; the tests are skipped where they can't be had."""
+    words = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *packages]
+    try:
+        done = subprocess.run(words, capture_output=True, text=True, timeout=INSTALL_TIMEOUT_S, check=False)
+    except subprocess.TimeoutExpired:
+        pytest.skip(f"{what} can't be had from PyPI: pip takes too long")
+    if done.returncode != 0:
+        pytest.skip(f"{what} can't be had from PyPI: {done.stderr.strip().splitlines()[-1]}")
+
+
+@pytest.fixture(scope="session")
+def ros_with_interfaces(ros: Ros, tmp_path_factory: pytest.TempPathFactory) -> Ros:
+    """The same ROS 2 environment with jezero_interfaces and TFMessage, which are built here."""
+    if missing := [tool for tool in BUILD_TOOLS if shutil.which(tool) is None]:
+        pytest.skip(f"interfaces of ROS can't be built without {', '.join(missing)}")
+    install(ros.python, "the build tools of ROS", BUILD_PACKAGES)
+    venv = Path(ros.python).parents[1]
+    printed = subprocess.run([ros.python, "-c", HEADERS], capture_output=True, text=True, check=True).stdout
+    include, numpy_include = printed.split()[-2:]
+    for exported in venv.glob("share/*/cmake/*rosidl_generator_pyExport.cmake"):
+        text = exported.read_text()
+        text = text.replace(f"{BUILDERS_PYTHON}/lib/python3.11/site-packages/numpy/_core/include", numpy_include)
+        exported.write_text(text.replace(f"{BUILDERS_PYTHON}/include/python3.11", include))
+    folder = tmp_path_factory.mktemp("interfaces")
+    ours = ROOT / "deploy" / "ros2"
+    for package in (ours / "jezero_interfaces", ours / "jezero_bringup", Path(__file__).with_name("tf2_msgs")):
+        build(venv, package, folder / package.name, folder / "install")
+    return replace(ros, interfaces=folder / "install")
+
+
+def build(venv: Path, package: Path, folder: Path, installed: Path) -> None:
+    """Build and install a package of interfaces, as colcon does."""
+    environment = Ros("").environment(dict(os.environ)) | {
+        "PATH": f"{venv / 'bin'}:{os.environ['PATH']}",
+        "AMENT_PREFIX_PATH": str(venv),
+        "CMAKE_PREFIX_PATH": str(venv),
+    }
+    for words in (
+        ("-S", package, "-B", folder, "-G", "Ninja", f"-DPython3_EXECUTABLE={venv / 'bin' / 'python'}",
+         "-DBUILD_TESTING=OFF", f"-DCMAKE_INSTALL_PREFIX={installed}"),
+        ("--build", folder, "--target", "install"),
+    ):  # fmt: skip
+        done = subprocess.run(
+            ["cmake", *words], env=environment, capture_output=True, text=True, timeout=BUILD_TIMEOUT_S, check=False
+        )
+        assert done.returncode == 0, f"{package.name}: {done.stdout[-3000:]}{done.stderr[-3000:]}"

@@ -1,0 +1,164 @@
+"""Services, parameters and the topic `goal_pose` of the bridge: requests from ROS to the vehicle."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from jezero.base.frames import add, ned_from_enu, q_ned_from_frd, quat_normalize, yaw_from_quat
+from jezero.client.errors import JezeroError
+from jezero.client.goal import Goal
+from jezero.client.vehicle import Vehicle
+from jezero.schemas.estimate import SetParameters
+from jezero.services.ros2_bridge.conversions import Context
+from jezero.services.ros2_bridge.fields import POINT, RosField, ros_fields
+from jezero.services.ros2_bridge.messages import message_class
+from jezero.services.ros2_bridge.rows import ABORT, HOVER, KILL, RETURN_HOME, RosService
+
+Refuse = Callable[[str, str], None]
+"""Publishes what was refused, and why."""
+PREFIX = "estimator."
+"""Begins the names of the estimator's parameters."""
+
+
+class _Point(NamedTuple):
+    """A parameter that is a position."""
+
+    x: float
+    y: float
+    z: float
+
+
+def serve_requests(node: Node, uav: Vehicle) -> None:
+    """Make the services `hover`, `abort` and `return_home`."""
+
+    def hover(request: Any) -> str:
+        uav.hover()
+        return "the vehicle hovers"
+
+    def abort(request: Any) -> str:
+        return "the vehicle hovers" if uav.abort("a client of ROS asked for it").hovering else "the goal has ended"
+
+    def return_home(request: Any) -> str:
+        return f"goal {uav.return_home().goal_id} flies home"
+
+    _serve(node, HOVER, hover)
+    _serve(node, ABORT, abort)
+    _serve(node, RETURN_HOME, return_home)
+
+
+def serve_kill(node: Node, uav: Vehicle) -> None:
+    """Make the service `kill`.
+
+    Raises:
+        MissingTypesError: jezero_interfaces is not in this ROS environment.
+    """
+
+    def kill(request: Any) -> str:
+        uav.kill(confirm=request.confirm, vehicle=request.vehicle)
+        return "the motors are off"
+
+    _serve(node, KILL, kill)
+
+
+def _serve(node: Node, service: RosService, ask: Callable[[Any], str]) -> None:
+    """Make a service whose response is a success with a sentence, or a failure with its reason."""
+
+    def on_request(request: Any, response: Any) -> Any:
+        try:
+            response.message = ask(request)
+            response.success = True
+        except JezeroError as error:
+            response.message, response.success = str(error), False
+        return response
+
+    node.create_service(message_class(service.type), service.name, on_request, callback_group=ReentrantCallbackGroup())
+
+
+class EstimatorParameters:
+    """The estimator's parameters as parameters of the node, with the values that they have at its start.
+
+    Raises:
+        JezeroError: the estimator does not reply.
+    """
+
+    def __init__(self, node: Node, uav: Vehicle) -> None:
+        self._uav = uav
+        self._fields = {PREFIX + field.name: field for field in ros_fields(SetParameters)}
+        values = uav.estimator_parameters()
+        for name, field in self._fields.items():
+            node.declare_parameter(name, _parameter_value(field, getattr(values, field.source)))
+        node.add_on_set_parameters_callback(self._on_set)
+
+    def _on_set(self, parameters: list[Parameter]) -> SetParametersResult:
+        """Set the estimator's parameters among those that are set, all or none."""
+        given = {self._fields[p.name]: p.value for p in parameters if p.name in self._fields}
+        try:
+            if given:
+                values = {field.source: _value(field, value) for field, value in given.items()}
+                self._uav.set_estimator_parameters(**values)
+        except (JezeroError, ValueError) as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+
+def _parameter_value(field: RosField, value: Any) -> Any:
+    if field.rule.type != POINT:
+        return value
+    if value is None:
+        return Parameter.Type.DOUBLE_ARRAY
+    return list(field.rule.to_ros(value).fields.values())
+
+
+def _value(field: RosField, value: Any) -> Any:
+    """Value of a parameter in jezero.
+
+    Raises:
+        ValueError: a position has not three numbers.
+    """
+    if field.rule.type != POINT:
+        return value
+    if len(value) != 3:
+        raise ValueError(f"{PREFIX}{field.name} has {len(value)} numbers: expected east, north and up")
+    return field.rule.from_ros(_Point(*value))
+
+
+class GoalPose:
+    """Flies to the pose of each message on `goal_pose`, as RViz publishes it.
+
+    A pose without a height, as RViz draws it, keeps the present height; one without an orientation the heading. A pose
+    that arrives during the flight to the last one changes the target of that flight.
+    """
+
+    def __init__(self, node: Node, uav: Vehicle, context: Context, refuse: Refuse) -> None:
+        self._uav, self._context, self._refuse = uav, context, refuse
+        self._goal: Goal[Any, Any] | None = None
+        kind = message_class("geometry_msgs/msg/PoseStamped")
+        node.create_subscription(kind, "goal_pose", self._on_pose, 1, callback_group=MutuallyExclusiveCallbackGroup())
+
+    def _on_pose(self, message: Any) -> None:
+        frame = self._context.frame("map")
+        try:
+            if message.header.frame_id != frame:
+                raise ValueError(f"its frame is {message.header.frame_id!r}: expected {frame}")
+            self._fly(message.pose)
+        except (JezeroError, ValueError) as error:
+            self._refuse("goal_pose", str(error))
+
+    def _fly(self, pose: Any) -> None:
+        at, q = pose.position, pose.orientation
+        # The pose is that of `base_link`, which is above the position that jezero's goals have.
+        below_m = (0.0, 0.0, self._context.config.airframe.height_stand_m)
+        target_ned_m = add(ned_from_enu((at.x, at.y, at.z)), below_m)
+        if at.z == 0.0:
+            target_ned_m = (*target_ned_m[:2], self._uav.odometry().pos_uav_ned_m[2])
+        yaw_rad = None
+        if any((q.x, q.y, q.z)) or q.w:
+            yaw_rad = yaw_from_quat(q_ned_from_frd(quat_normalize((q.w, q.x, q.y, q.z))))
+        if self._goal is not None and self._uav.status().goal_id == self._goal.goal_id:
+            self._goal.modify(target_ned_m=target_ned_m, yaw_rad=yaw_rad)
+        else:
+            self._goal = self._uav.go_to(*target_ned_m, yaw_rad=yaw_rad)
