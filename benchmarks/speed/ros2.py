@@ -1,6 +1,6 @@
 """Delay of odometry from a client of jezero to a subscriber in ROS 2, and the processor time of the bridge.
 
-`JEZERO_ROS_PYTHON=<python> python -m benchmarks.speed.ros2 [--seconds 20]`; the interpreter has rclpy and jezero.
+`python -m benchmarks.speed.ros2 --python PYTHON [--seconds 20]`; PYTHON is an interpreter with rclpy and jezero.
 Without images, and while somebody subscribes to them. Prints p50 and p99 of the time from the arrival of a message at a
 client of jezero until its arrival at a subscriber in ROS on the same computer.
 """
@@ -9,7 +9,6 @@ import argparse
 import json
 import os
 import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -21,7 +20,6 @@ from jezero.schemas.state import Odometry
 from jezero.schemas.topics import ODOMETRY
 
 INSTANCE = Instance(vehicle="rosbench", router="tcp/127.0.0.1:7498", number=9, gcs_port=14609)
-VARIABLE = "JEZERO_ROS_PYTHON"
 DOMAIN = {"ROS_DOMAIN_ID": "88", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 SETTLES_S = 5.0
 LISTENER = """
@@ -94,10 +92,8 @@ def measure(uav: Vehicle, python: str, environment: dict[str, str], seconds: flo
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--python", required=True)
     options = parser.parse_args()
-    python = os.environ.get(VARIABLE)
-    if not python:
-        sys.exit(f"{VARIABLE} names no Python that has rclpy")
     with tempfile.TemporaryDirectory() as scratch, running_stack(INSTANCE, Path(scratch) / "run"):
         environment = {
             **os.environ,
@@ -107,7 +103,7 @@ def main() -> None:
         }
         with Vehicle.connect(INSTANCE.vehicle, router=INSTANCE.router) as uav:
             for words in ("odometry", "images"):
-                print(json.dumps(measure(uav, python, environment, options.seconds, words)), flush=True)
+                print(json.dumps(measure(uav, options.python, environment, options.seconds, words)), flush=True)
 
 
 if __name__ == "__main__":

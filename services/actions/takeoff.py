@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from jezero.base.frames import Vec3, distance
+from jezero.base.frames import Vec3, distance, norm
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import MoveFeedback, MoveResult, TakeoffGoal
 from jezero.schemas.state import Status
@@ -17,7 +17,9 @@ LEAD_M = 0.6
 ARMING_S, ARMING_TIMEOUT_S = 1.0, 10.0
 """Usual and greatest time until the motors turn."""
 DRIFT_MAX_M = 0.3
-"""A vehicle at the ground that is farther than this from its way up has not moved, but its position estimate has."""
+"""A vehicle that stands and is farther than this from its way up has not moved, but its position estimate has."""
+STANDS_MPS = 0.2
+"""A vehicle that stands is slower by its estimate; one that gusts carry over the ground is faster."""
 DRIFT_TIMEOUT_S = 10.0
 """Longest time for which the climb begins anew because of that."""
 
@@ -79,7 +81,8 @@ class Climb:
             return "the vehicle was not armed in time" if t_ns > self._arm_by_ns else ""
         if self._armed_ns is None:
             self._armed_ns = t_ns
-        drift_m = self._drift_m(state.pos_uav_ned_m) if self._from_ground else 0.0
+        stands = state.landed and norm(state.vel_uav_ned_mps) < STANDS_MPS
+        drift_m = self._drift_m(state.pos_uav_ned_m) if self._from_ground and stands else 0.0
         if drift_m > DRIFT_MAX_M:
             self._drifted_m += drift_m
             if t_ns - self._armed_ns > DRIFT_TIMEOUT_S * NS_PER_S:

@@ -94,7 +94,7 @@ class Flight:
             state,
             pos_uav_ned_m=pos,
             vel_uav_ned_mps=vel,
-            landed=self._still_s > 0.8,
+            landed=self._still_s > 0.8 or not self.pushable,
             height_m=-pos[2] if in_range else None,
         )
 

