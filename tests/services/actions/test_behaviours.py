@@ -66,6 +66,7 @@ class Flight:
         self.done: Done | None = None
         self.rangefinder = True
         self.pushable = True
+        self.stands = False
         plan = plan_of(action, goal, code)
         assert not isinstance(plan.start, Preparation)
         self.warning = plan.warning
@@ -94,7 +95,7 @@ class Flight:
             state,
             pos_uav_ned_m=pos,
             vel_uav_ned_mps=vel,
-            landed=self._still_s > 0.8 or not self.pushable,
+            landed=self._still_s > 0.8 or self.stands,
             height_m=-pos[2] if in_range else None,
         )
 
@@ -120,13 +121,13 @@ def test_a_takeoff_climbs_straight_up_from_where_it_stands() -> None:
 @pytest.mark.parametrize("drift_m", [(1.2, 0.0, 0.0), (-0.5, 0.7, 0.4), (0.0, 0.0, -0.8)])
 def test_a_takeoff_climbs_from_where_an_estimate_that_settles_late_puts_the_ground(drift_m: Vec3) -> None:
     flight = Flight(TAKEOFF, TakeoffGoal(altitude_m=3.0), standing(), code=0)
-    flight.pushable = False
+    flight.pushable, flight.stands = False, True
     for _ in range(50):
         pos = add(flight.state.pos_uav_ned_m, scale(drift_m, 1.0 / 50))
         flight.state = replace(flight.state, pos_uav_ned_m=pos)
         assert flight.run(DT_S) is None
     ground = flight.state.pos_uav_ned_m
-    flight.pushable = True
+    flight.pushable, flight.stands = True, False
     assert flight.run(15.0) is not None
     assert flight.done is not None and flight.done.outcome == "succeeded"
     sideways, height_m = dist(flight.state.pos_uav_ned_m[:2], ground[:2]), ground[2] - flight.state.pos_uav_ned_m[2]
@@ -139,7 +140,7 @@ def test_a_takeoff_climbs_from_where_an_estimate_that_settles_late_puts_the_grou
 
 def test_a_takeoff_ends_when_the_position_estimate_runs_away_at_the_ground() -> None:
     flight = Flight(TAKEOFF, TakeoffGoal(altitude_m=3.0), standing(), code=0)
-    flight.pushable = False
+    flight.pushable, flight.stands = False, True
     done = None
     while done is None and len(flight.moves) < 2000:
         flight.state = replace(flight.state, pos_uav_ned_m=add(flight.state.pos_uav_ned_m, (0.1, 0.0, 0.0)))
