@@ -27,6 +27,7 @@ pytestmark = [pytest.mark.skipif(bool(missing()), reason=missing()), pytest.mark
 BAD_RADIO = Radio(rate_bps=1e6, delay_s=0.05, loss=0.05)
 PORT = 7448
 RADIO, ROVER_RADIO = ("vehicle", "ground"), ("vehicle", "rover")
+LAND_S = 120.0
 COMMAND_S = 60.0
 MISSION_S = 600.0
 ON_ROVER_MAX_M = 0.5
@@ -126,7 +127,14 @@ def on_ground(hosts: Hosts) -> Iterator[Hosts]:
     yield hosts
     if not hosts.status(hosts.vehicle)["landed"]:
         hosts.vehicle.jezero("abort")
-        hosts.vehicle.jezero("return")
+        # The vehicle may be about to fly home by itself: then this goal is refused, and it lands all the same.
+        wait_for(
+            lambda: hosts.vehicle.jezero("return", check=False).returncode == 0 or is_down(hosts), LAND_S, "landed"
+        )
+
+
+def is_down(hosts: Hosts) -> bool:
+    return hosts.status(hosts.vehicle)["landed"] is True
 
 
 @contextmanager
