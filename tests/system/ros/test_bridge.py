@@ -3,6 +3,7 @@
 import json
 import signal
 import subprocess
+import threading
 import time
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
@@ -271,18 +272,27 @@ def test_two_vehicles_are_in_two_namespaces(shared_stack: Stack, ros: Ros) -> No
         running_bridge(stack, ros, "--vehicle", "second", "--no-clock"),
     ):
         listener = listen(stack, ros, "BEST_EFFORT", topics)
-        while listener.poll() is None:
-            odometry = Odometry(
-                t_ns=time.monotonic_ns(),
-                epoch_id=1,
-                pos_uav_ned_m=(500.0, 0.0, 0.0),
-                vel_uav_ned_mps=(0.0, 0.0, 0.0),
-                q_ned_from_frd=(1.0, 0.0, 0.0, 0.0),
-                rates_uav_frd_rps=(0.0, 0.0, 0.0),
-            )
-            session.put(key("second", ODOMETRY.name), encode(odometry), encoding=zenoh.Encoding.APPLICATION_JSON)
-            time.sleep(0.1)
-        seen = heard(listener)
+        ended = threading.Event()
+
+        def publish() -> None:
+            while not ended.wait(0.1):
+                odometry = Odometry(
+                    t_ns=time.monotonic_ns(),
+                    epoch_id=1,
+                    pos_uav_ned_m=(500.0, 0.0, 0.0),
+                    vel_uav_ned_mps=(0.0, 0.0, 0.0),
+                    q_ned_from_frd=(1.0, 0.0, 0.0, 0.0),
+                    rates_uav_frd_rps=(0.0, 0.0, 0.0),
+                )
+                session.put(key("second", ODOMETRY.name), encode(odometry), encoding=zenoh.Encoding.APPLICATION_JSON)
+
+        publisher = threading.Thread(target=publish)
+        publisher.start()
+        try:
+            seen = heard(listener)
+        finally:
+            ended.set()
+            publisher.join()
     first, second = seen[f"/{vehicle}/odometry"], seen["/second/odometry"]
     assert first and second
     assert {m["pose"]["pose"]["position"]["y"] for m in second} == {500.0}
