@@ -26,7 +26,8 @@ _SQRT_HALF = sqrt(0.5)
 
 
 GIMBAL_ACROSS_MIN = 0.05
-"""Sine of the angle between optical axis and body's forward axis, below which the axis doesn't tell the roll."""
+"""Sine of the angle between the optical axis and the body's forward axis. With a smaller one the optical axis does not
+show the roll."""
 
 
 def ned_from_enu(v_enu: Vec3) -> Vec3:
@@ -295,7 +296,7 @@ def gimbal_angles(q_frd_from_gimbal: Quat) -> tuple[float, float]:
     pitch_rad = -below * atan2(across, forward)
     if across > GIMBAL_ACROSS_MIN:
         return pitch_rad, atan2(-below * right, below * down)
-    _, y, z = quat_rotate(q_frd_from_gimbal, (0.0, 1.0, 0.0))  # near the body's forward axis this one tells the roll
+    _, y, z = quat_rotate(q_frd_from_gimbal, (0.0, 1.0, 0.0))  # the axis across shows the roll
     return pitch_rad, atan2(z, y)
 
 

@@ -110,7 +110,7 @@ def survey(
     if len(places) < PLACES_MIN and (between is None or len(set(known)) < 3):
         raise click.UsageError(
             f"give {PLACES_MIN} or more --place of the tag, or --between and three or more --known: "
-            "ranges alone can't tell where the anchors are on the platform, so some places must be measured by hand"
+            "the places of the anchors on the platform can't be found by ranges alone: measure some places by hand"
         )
     printer = Printer(as_json)
     ranges = {} if between is None else _ranges_between(between, len(anchors))

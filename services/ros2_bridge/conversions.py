@@ -17,6 +17,7 @@ from jezero.base.frames import (
     quat_multiply,
     quat_rotate,
     rotate_yaw,
+    subtract,
 )
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.schemas.commands import RoverCommand
@@ -63,7 +64,7 @@ FIX, SERVICE_GPS = 0, 1
 COVARIANCE_DIAGONAL_KNOWN = 2
 INFRARED = 1
 FIELD_OF_VIEW_RAD = 0.01
-"""Of the altimeter's laser."""
+"""Opening angle of the altimeter's beam."""
 DISCHARGING, LIPO = 2, 3
 """POWER_SUPPLY_STATUS_DISCHARGING and POWER_SUPPLY_TECHNOLOGY_LIPO of sensor_msgs/BatteryState."""
 LEVELS = {"ok": b"\x00", "degraded": b"\x01", "starting": b"\x03"}
@@ -126,7 +127,7 @@ class Context:
 
 def odometry(m: Odometry, context: Context) -> RosMessage:
     """A reset of the autopilot's position moves `odom` in `map`, so that this position makes no step."""
-    pos_odom_ned_m = _minus(m.pos_uav_ned_m, m.reset_offset_ned_m)
+    pos_odom_ned_m = subtract(m.pos_uav_ned_m, m.reset_offset_ned_m)
     velocity = flu_from_frd(quat_rotate(quat_conjugate(m.q_ned_from_frd), m.vel_uav_ned_mps))
     variance_m2 = UNKNOWN_M2 if m.std_pos_m is None else m.std_pos_m**2
     at = pose(context.center_enu_m(pos_odom_ned_m), q_enu_from_flu(m.q_ned_from_frd))
@@ -140,7 +141,7 @@ def odometry(m: Odometry, context: Context) -> RosMessage:
 
 
 def vehicle_transforms(m: Odometry, context: Context) -> RosMessage:
-    pos_odom_ned_m = _minus(m.pos_uav_ned_m, m.reset_offset_ned_m)
+    pos_odom_ned_m = subtract(m.pos_uav_ned_m, m.reset_offset_ned_m)
     map_frame, odom, base = (context.frame(name) for name in ("map", "odom", "base_link"))
     return transforms(
         transform(m.t_ns, map_frame, odom, enu_from_ned(m.reset_offset_ned_m), UPRIGHT),
@@ -333,7 +334,7 @@ def compressed_preview(m: CameraPreview, context: Context) -> RosMessage:
 
 
 def camera_info(m: CameraFrame, context: Context) -> RosMessage | None:
-    """With the time of each image, as ROS pairs the two by their times."""
+    """The intrinsics, with the time of an image: ROS finds the intrinsics of an image by its time."""
     info = context.camera_info
     if info is None:
         return None
@@ -353,7 +354,7 @@ def camera_info(m: CameraFrame, context: Context) -> RosMessage | None:
 
 
 def camera_transform(m: CameraPreview, context: Context) -> RosMessage | None:
-    """From the previews, which come whether or not anybody looks at the images."""
+    """Pose of the camera, from the previews: they also come while nobody subscribes to the images."""
     info = context.camera_info
     if info is None:
         return None
@@ -435,10 +436,6 @@ def _outline(at: RosMessage, number: int, zone: Zone, height_m: float, color: Ro
 
 
 # -- parts -----------------------------------------------------------------------------------------------
-
-
-def _minus(a: Vec3, b: Vec3) -> Vec3:
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 def _xyz(position: RosMessage) -> Vec3:

@@ -17,7 +17,7 @@ class _Layout(NamedTuple):
 
 HEADER = 0x55
 LAYOUTS = {0x04: _Layout(119, 13), 0x05: _Layout(21, 7)}
-"""Layout of each kind of frame. The second byte of a frame, its function mark, tells the kind."""
+"""Layout of each kind of frame. The second byte of a frame, its function mark, says which kind it is."""
 NODES_MAX = 64
 DISTANCE_AT = 2
 """Place of the distance in a node, after its role and its id."""

@@ -41,9 +41,10 @@ from jezero.services.vehicle_bridge.autopilot_link import (
     COMPONENT_ID,
     AutopilotLink,
     TelemetryBatch,
+    version_refusal,
+    version_text,
 )
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
-from jezero.services.vehicle_bridge.controller_version import version_refusal, version_text
 from jezero.services.vehicle_bridge.fence import FenceKeeper
 from jezero.services.vehicle_bridge.gimbal import GimbalClient
 from jezero.services.vehicle_bridge.narrow_line import rate_refusal

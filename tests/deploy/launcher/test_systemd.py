@@ -1,4 +1,4 @@
-"""What the launcher tells systemd, and when."""
+"""The notifications that the launcher sends to systemd, and their times."""
 
 import os
 import socket

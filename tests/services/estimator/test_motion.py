@@ -54,7 +54,10 @@ def test_the_jacobian_of_a_step_is_its_derivative(seed: int, dt_s: float) -> Non
 
 
 def test_the_process_noise_is_the_integral_of_its_densities() -> None:
-    """By the matrix exponential of Van Loan (1978), for a step that is short beside all time constants."""
+    """The integral is found by a matrix exponential, for a step much shorter than all time constants.
+
+    Source: Van Loan (1978).
+    """
     dt_s = 0.02
     drift, density = np.zeros((SIZE, SIZE)), np.zeros(SIZE)
     for pos, vel in ((0, 3), (1, 4), (2, 5), (6, 9), (7, 10), (8, 11), (12, 13)):
