@@ -183,6 +183,23 @@ class _Bias(click.ParamType[tuple[float, ...]]):
         return biases_m
 
 
+def _sea(
+    ctx: click.Context, param: click.Parameter, value: tuple[float, float, float] | None
+) -> tuple[float, float, float] | None:
+    """Check height, period and tilt of the waves as the simulator's settings do."""
+    import msgspec
+
+    from jezero.services.simulator.config import SeaConfig
+
+    if value is None:
+        return None
+    try:
+        msgspec.convert(dict(zip(("wave_height_m", "period_s", "tilt_deg"), value, strict=True)), SeaConfig)
+    except msgspec.ValidationError as error:
+        raise click.BadParameter(f"{error}: write for example --sea 0.5 5 5") from None
+    return value
+
+
 @click.group()
 def bench() -> None:
     """Fly benchmarks in virtual time; no running stack is needed."""
@@ -208,6 +225,8 @@ def bench() -> None:
               help="Mean wind, from another direction, from a random time of the landing on.")  # fmt: skip
 @click.option("--tilt", "tilt_deg", type=click.FloatRange(0.0, 30.0), default=0.0, show_default=True, metavar="DEG",
               help="Tilt of the rover's platform, in a random direction.")  # fmt: skip
+@click.option("--sea", nargs=3, type=float, metavar="HEIGHT PERIOD TILT", callback=_sea,
+              help="Waves under the rover: significant height in m, period in s, tilt of the deck in degrees.")  # fmt: skip
 @click.option("--compass-step", "compass_step_deg", type=click.FloatRange(-180.0, 180.0), default=0.0,
               show_default=True, metavar="DEG",
               help="Jump of the vehicle's compass at a random time of the landing.")  # fmt: skip

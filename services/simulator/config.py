@@ -113,6 +113,23 @@ class UavConfig(Config, frozen=True, kw_only=True):
     friction_feet: NonNegative = 0.9
 
 
+class SeaConfig(Config, frozen=True, kw_only=True):
+    """Waves that move the rover like a boat, see `sea`.
+
+    Attributes:
+        wave_height_m: significant height of the deck's heave: the mean of the highest third, from trough to crest,
+            which is four standard deviations; 0 for a deck that doesn't move.
+        period_s: period of the highest waves.
+        tilt_deg: significant angle of the deck's tilt, which is two standard deviations.
+        from_deg: direction from which the waves come, clockwise from north.
+    """
+
+    wave_height_m: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
+    period_s: Annotated[float, Meta(ge=1.0, le=30.0)] = 5.0
+    tilt_deg: Annotated[float, Meta(ge=0.0, le=20.0)] = 5.0
+    from_deg: Annotated[float, Meta(ge=-360.0, le=360.0)] = 60.0
+
+
 class RoverConfig(Config, frozen=True, kw_only=True):
     """Start and motion of the rover.
 
@@ -122,7 +139,9 @@ class RoverConfig(Config, frozen=True, kw_only=True):
         start_yaw_rad: heading at the start, clockwise from north.
         tilt_deg: angle of the platform against the rover's own level.
         tilt_towards_deg: direction of the platform's low side, clockwise from the rover's front.
-        tilts_with_ground: the whole rover leans with the slope of the ground below it; otherwise it stays upright.
+        tilts_with_ground: the rover's four wheels stand on the ground and on the rocks, so that the whole rover leans
+            and heaves as it drives; otherwise it stays upright and drives through rocks.
+        sea: waves that move the rover like a boat.
         friction_platform: friction of the platform; the friction coefficient is its product with `friction_feet` of the
             vehicle.
         acc_max_mps2: maximum acceleration.
@@ -136,6 +155,7 @@ class RoverConfig(Config, frozen=True, kw_only=True):
     tilt_deg: Annotated[float, Meta(ge=0.0, le=30.0)] = 0.0
     tilt_towards_deg: Annotated[float, Meta(ge=-360.0, le=360.0)] = 0.0
     tilts_with_ground: bool = False
+    sea: SeaConfig = SeaConfig()
     friction_platform: NonNegative = 0.9
     acc_max_mps2: Positive = 0.5
     acc_yaw_max_rps2: Positive = 0.5

@@ -1,4 +1,4 @@
-"""Motion of the rover: what its wheels make of the commands, and the platform that follows the ground."""
+"""Motion of the rover: what its wheels make of the commands, and the platform that follows the ground or the waves."""
 
 from collections.abc import Iterable
 from math import atan, cos, radians, sin
@@ -6,24 +6,28 @@ from math import atan, cos, radians, sin
 from jezero.base.frames import (
     Quat,
     Vec3,
+    add,
     quat_conjugate,
     quat_from_euler,
     quat_from_rotation_vector,
     quat_multiply,
+    quat_rotate,
     scale,
+    subtract,
     wrap_pi,
 )
 from jezero.schemas.commands import RoverCommand
 from jezero.schemas.units import NS_PER_S
 from jezero.services.simulator.body import RoverState
 from jezero.services.simulator.config import RoverConfig
+from jezero.services.simulator.sea import Sea
 from jezero.services.simulator.terrain import Terrain
 
 AGE_MAX_NS = 300_000_000
 LEAD_MAX_NS = 50_000_000
 """Clocks of two processes agree to this, so a command may arrive this much before its time stamp."""
-WHEELBASE_HALF_M = 0.4
-"""Distance from the rover's middle at which its front, rear and side wheels touch the ground."""
+WHEEL_FORWARD_M, WHEEL_SIDE_M, WHEEL_RADIUS_M = 0.4, 0.35, 0.12
+"""Places of the four wheels from the rover's middle, and their radius."""
 
 
 class Drive:
@@ -63,45 +67,53 @@ class Drive:
 
 
 class RoverModel:
-    """Turns speed and yaw rate into the platform's pose; stands still unless driven.
+    """Turns speed and yaw rate into the platform's pose; stands still unless driven or moved by waves.
+
+    A rover that leans or heaves turns about the point of the ground below the middle of its platform.
 
     Args:
         height_platform_m: height of the platform's surface over the ground.
+        sea: the waves under the rover; None for none.
     """
 
-    def __init__(self, config: RoverConfig, terrain: Terrain, height_platform_m: float) -> None:
+    def __init__(self, config: RoverConfig, terrain: Terrain, height_platform_m: float, sea: Sea | None = None) -> None:
         self._terrain = terrain
+        self._sea = sea
+        self._t_s = 0.0
         self._height_platform_m = height_platform_m
         self._tilts_with_ground = config.tilts_with_ground
         tilt_rad, towards_rad = radians(config.tilt_deg), radians(config.tilt_towards_deg)
         self._q_level_from_platform = quat_from_rotation_vector(
             (tilt_rad * sin(towards_rad), -tilt_rad * cos(towards_rad), 0.0)
         )
-        north_m, east_m, yaw_rad = config.start_north_m, config.start_east_m, config.start_yaw_rad
+        self._ground_m = (config.start_north_m, config.start_east_m)
+        yaw_rad = config.start_yaw_rad
         at_rest = (0.0, 0.0, 0.0)
-        self.state = RoverState(
-            self._pos_ned_m(north_m, east_m),
-            at_rest,
-            self._attitude(north_m, east_m, yaw_rad),
-            at_rest,
-            yaw_rad,
-            0.0,
-            0.0,
-        )
+        pos_ned_m, q_ned_from_rover_body = self._pose(yaw_rad)
+        self.state = RoverState(pos_ned_m, at_rest, q_ned_from_rover_body, at_rest, yaw_rad, 0.0, 0.0)
+
+    @property
+    def moves_by_itself(self) -> bool:
+        """Whether the platform moves while the rover isn't driven."""
+        return self._sea is not None
 
     def drive(self, speed_mps: float, yaw_rate_rps: float, dt_s: float) -> RoverState:
         """Advance by one step along an arc; velocities in the result are means over this step."""
         before = self.state
-        (north_m, east_m, down_m), yaw_rad = before.pos_ned_m, before.yaw_rad
+        yaw_rad = before.yaw_rad
         middle_rad = yaw_rad + 0.5 * yaw_rate_rps * dt_s
-        vel_north_mps, vel_east_mps = speed_mps * cos(middle_rad), speed_mps * sin(middle_rad)
-        pos_ned_m = self._pos_ned_m(north_m + vel_north_mps * dt_s, east_m + vel_east_mps * dt_s)
+        north_m, east_m = self._ground_m
+        self._ground_m = (
+            north_m + speed_mps * cos(middle_rad) * dt_s,
+            east_m + speed_mps * sin(middle_rad) * dt_s,
+        )
+        self._t_s += dt_s
         yaw_rad = wrap_pi(yaw_rad + yaw_rate_rps * dt_s)
-        q_ned_from_rover_body = self._attitude(pos_ned_m[0], pos_ned_m[1], yaw_rad)
+        pos_ned_m, q_ned_from_rover_body = self._pose(yaw_rad)
         _, x, y, z = quat_multiply(q_ned_from_rover_body, quat_conjugate(before.q_ned_from_rover_body))
         self.state = RoverState(
             pos_ned_m,
-            (vel_north_mps, vel_east_mps, (pos_ned_m[2] - down_m) / dt_s),
+            scale(subtract(pos_ned_m, before.pos_ned_m), 1.0 / dt_s),
             q_ned_from_rover_body,
             scale((x, y, z), 2.0 / dt_s),
             yaw_rad,
@@ -110,25 +122,40 @@ class RoverModel:
         )
         return self.state
 
-    def _pos_ned_m(self, north_m: float, east_m: float) -> Vec3:
-        return (north_m, east_m, -self._terrain.height_m(north_m, east_m) - self._height_platform_m)
-
-    def _attitude(self, north_m: float, east_m: float, yaw_rad: float) -> Quat:
-        """Attitude of the platform at a place: that of the rover, and the platform's tilt on it."""
-        pitch_rad = roll_rad = 0.0
+    def _pose(self, yaw_rad: float) -> tuple[Vec3, Quat]:
+        """Position of the platform's middle and attitude of the platform, with its own tilt on the rover."""
+        north_m, east_m = self._ground_m
         if self._tilts_with_ground:
-            c, s = WHEELBASE_HALF_M * cos(yaw_rad), WHEELBASE_HALF_M * sin(yaw_rad)
-            pitch_rad = self._slope_rad(north_m, east_m, c, s)
-            roll_rad = -self._slope_rad(north_m, east_m, -s, c)
-        return quat_multiply(quat_from_euler(roll_rad, pitch_rad, yaw_rad), self._q_level_from_platform)
+            height_m, roll_rad, pitch_rad = self._on_wheels(north_m, east_m, yaw_rad)
+        else:
+            height_m, roll_rad, pitch_rad = self._terrain.height_m(north_m, east_m), 0.0, 0.0
+        if self._sea is not None:
+            waves = self._sea.motion(self._t_s, north_m, east_m, yaw_rad)
+            height_m, roll_rad, pitch_rad = (
+                height_m + waves.heave_m,
+                roll_rad + waves.roll_rad,
+                pitch_rad + waves.pitch_rad,
+            )
+        q_ned_from_rover = quat_from_euler(roll_rad, pitch_rad, yaw_rad)
+        platform_ned_m = quat_rotate(q_ned_from_rover, (0.0, 0.0, -self._height_platform_m))
+        pos_ned_m = add((north_m, east_m, -height_m), platform_ned_m)
+        return pos_ned_m, quat_multiply(q_ned_from_rover, self._q_level_from_platform)
 
-    def _slope_rad(self, north_m: float, east_m: float, step_north_m: float, step_east_m: float) -> float:
-        """Angle by which the ground rises from one side of the rover to the other."""
-        height_m = self._terrain.height_m
-        rise_m = height_m(north_m + step_north_m, east_m + step_east_m) - height_m(
-            north_m - step_north_m, east_m - step_east_m
-        )
-        return atan(0.5 * rise_m / WHEELBASE_HALF_M)
+    def _on_wheels(self, north_m: float, east_m: float, yaw_rad: float) -> tuple[float, float, float]:
+        """Height of the rover's ground point, roll and pitch, of a rover that stands on its four wheels."""
+        c, s = cos(yaw_rad), sin(yaw_rad)
+
+        def height_m(forward_m: float, right_m: float) -> float:
+            wheel_north_m, wheel_east_m = c * forward_m - s * right_m, s * forward_m + c * right_m
+            return self._terrain.height_of_wheel_m(north_m + wheel_north_m, east_m + wheel_east_m, WHEEL_RADIUS_M)
+
+        front_left_m, front_right_m = height_m(WHEEL_FORWARD_M, -WHEEL_SIDE_M), height_m(WHEEL_FORWARD_M, WHEEL_SIDE_M)
+        rear_left_m, rear_right_m = height_m(-WHEEL_FORWARD_M, -WHEEL_SIDE_M), height_m(-WHEEL_FORWARD_M, WHEEL_SIDE_M)
+        front_m, rear_m = 0.5 * (front_left_m + front_right_m), 0.5 * (rear_left_m + rear_right_m)
+        left_m, right_m = 0.5 * (front_left_m + rear_left_m), 0.5 * (front_right_m + rear_right_m)
+        roll_rad = atan(0.5 * (left_m - right_m) / WHEEL_SIDE_M)
+        pitch_rad = atan(0.5 * (front_m - rear_m) / WHEEL_FORWARD_M)
+        return 0.5 * (front_m + rear_m), roll_rad, pitch_rad
 
 
 def _nearer(value: float, target: float, step: float) -> float:

@@ -20,6 +20,7 @@ from jezero.services.simulator.noise import generator, normals_of
 from jezero.services.simulator.rover import Drive, RoverModel
 from jezero.services.simulator.rover_port import ROVER, RoverPort
 from jezero.services.simulator.schedule import DT_S, STEPS_PER_S, Schedule
+from jezero.services.simulator.sea import make_sea
 from jezero.services.simulator.terrain import ground_reply, make_terrain
 from jezero.services.simulator.uav import Uav
 from jezero.services.simulator.wind import WindModel
@@ -80,7 +81,8 @@ class Simulator:
         self._hil = HilPort()
         self._rover_port = RoverPort()
         self._reported = Health("ok", "")
-        self._rover = RoverModel(config.rover, terrain, vehicle.platform.height_m)
+        self._sea = make_sea(config.rover.sea, seed, config.gravity_mps2)
+        self._rover = RoverModel(config.rover, terrain, vehicle.platform.height_m, self._sea)
         self._drive = Drive(config.rover)
         self._world = World(config, vehicle, terrain, self._rover.state)
         self._uav = Uav(config, vehicle.airframe, DT_S)
@@ -184,7 +186,7 @@ class Simulator:
         """Put vehicle and rover back to their start; delayed readings of the old epoch are dropped."""
         self._hil = HilPort(t_ns if self._config.time_from_boot else 0)
         self._uav.stop()
-        self._rover = RoverModel(self._config.rover, self._terrain, self._vehicle.platform.height_m)
+        self._rover = RoverModel(self._config.rover, self._terrain, self._vehicle.platform.height_m, self._sea)
         self._drive = Drive(self._config.rover)
         self._odometry.restart()
         self._world.move_rover(self._rover.state)
@@ -194,7 +196,7 @@ class Simulator:
     def _drive_rover(self, t_ns: int) -> None:
         moved = self._drive.moves
         self._drive.step(t_ns, DT_S)
-        if moved or self._drive.moves:
+        if moved or self._drive.moves or self._rover.moves_by_itself:
             self._world.move_rover(self._rover.drive(self._drive.speed_mps, self._drive.yaw_rate_rps, DT_S))
 
     def _advance(self) -> BodyState:

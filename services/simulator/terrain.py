@@ -5,6 +5,7 @@ Heights are positive up, over a square grid whose middle is the map's origin. Wi
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import cos, floor, pi, radians, sin, sqrt, tan
 from typing import Any
 
@@ -72,6 +73,32 @@ class Terrain:
         south = (1.0 - b) * float(h[i, j]) + b * float(h[i, j + 1])
         north = (1.0 - b) * float(h[i + 1, j]) + b * float(h[i + 1, j + 1])
         return (1.0 - a) * south + a * north
+
+    def height_of_wheel_m(self, north_m: float, east_m: float, radius_m: float) -> float:
+        """Height of the lowest point of a wheel that stands on the ground or on a rock.
+
+        The wheel is a ball, and so are the rocks.
+
+        Args:
+            radius_m: radius of the wheel.
+        """
+        ground_m = self.height_m(north_m, east_m)
+        middles_ned_m, radii_m = self.rock_balls
+        reach_m = radii_m + radius_m
+        squares_m2 = reach_m**2 - (middles_ned_m[:, 0] - north_m) ** 2 - (middles_ned_m[:, 1] - east_m) ** 2
+        touched = squares_m2 > 0.0
+        if not touched.any():
+            return ground_m
+        on_rocks_m = np.sqrt(squares_m2[touched]) - middles_ned_m[touched, 2] - radius_m
+        return max(ground_m, float(on_rocks_m.max()))
+
+    @cached_property
+    def rock_balls(self) -> tuple[Field, Field]:
+        """(N, 3) middles of the rocks in NED and (N,) radii, as if they were balls."""
+        corners_m = self.rock_vertices_ned_m.reshape(-1, len(ICOSAHEDRON), 3)
+        middles_m: Field = corners_m.mean(axis=1)
+        radii_m: Field = np.linalg.norm(corners_m - middles_m[:, None], axis=2).mean(axis=1)
+        return middles_m, radii_m
 
 
 def make_terrain(config: TerrainConfig) -> Terrain:
@@ -181,9 +208,7 @@ def ground_reply(terrain: Terrain, origin_ned_m: Vec3) -> Ground:
     """
     north_m, east_m, down_m = origin_ned_m
     heights_mm = np.rint(1000.0 * terrain.heights_m[::REPLY_EVERY, ::REPLY_EVERY]).astype(int)
-    corners_m = terrain.rock_vertices_ned_m.reshape(-1, len(ICOSAHEDRON), 3)
-    middles_m = corners_m.mean(axis=1)
-    radii_m = np.linalg.norm(corners_m - middles_m[:, None], axis=2).mean(axis=1)
+    middles_m, radii_m = terrain.rock_balls
     places_m = np.round(middles_m - np.array(origin_ned_m), 3)
     return Ground(
         spacing_m=REPLY_EVERY * SPACING_M,

@@ -17,7 +17,7 @@ from jezero.schemas import topics
 from jezero.schemas.goals import TakeoffGoal
 from jezero.schemas.units import NS_PER_S
 from jezero.services.simulator.camera.config import CameraConfig
-from jezero.services.simulator.config import SimulatorConfig, WindConfig
+from jezero.services.simulator.config import SeaConfig, SimulatorConfig, WindConfig
 from jezero.services.simulator.service import Simulator
 from jezero.trials.goals import fly_goal
 from jezero.trials.landing.judge import IMPACT_MAX_MPS, EstimateErrors, LandingJudge
@@ -209,6 +209,7 @@ def simulator_config(trial: Trial) -> SimulatorConfig:
             start_yaw_rad=trial.yaw_rover_rad,
             tilt_deg=conditions.tilt_deg,
             tilt_towards_deg=trial.tilt_towards_deg,
+            sea=_sea_config(trial),
         ),
         uwb=replace(
             shipped.uwb,
@@ -219,6 +220,13 @@ def simulator_config(trial: Trial) -> SimulatorConfig:
         ),
         rover_odometry=replace(shipped.rover_odometry, bias_yaw_rad=radians(conditions.rover_compass_deg)),
     )
+
+
+def _sea_config(trial: Trial) -> SeaConfig:
+    if trial.conditions.sea is None:
+        return SeaConfig()
+    height_m, period_s, tilt_deg = trial.conditions.sea
+    return SeaConfig(wave_height_m=height_m, period_s=period_s, tilt_deg=tilt_deg, from_deg=trial.sea_from_deg)
 
 
 def _bias_anchors_m(conditions: Conditions) -> tuple[float, ...]:

@@ -54,6 +54,8 @@ class Conditions(msgspec.Struct, frozen=True, kw_only=True):
         std_gust_mps: standard deviation of each horizontal component of the gusts.
         wind_change_mps: speed to which the mean wind changes during the landing, from another direction; None keeps it.
         tilt_deg: tilt of the platform; the seed draws its direction.
+        sea: (3,) height in m and period in s of the waves that move the rover, and the tilt of the deck in degrees, as
+            in the simulator's `SeaConfig`; None for none. The seed draws the waves and their direction.
         tag_side_m: side of the landing board's big tag as it was printed; None prints it as configured.
         rover_compass_deg: constant error of the rover's compass, clockwise.
         compass_step_deg: angle by which the vehicle's compass jumps during the landing; the seed draws when.
@@ -73,6 +75,7 @@ class Conditions(msgspec.Struct, frozen=True, kw_only=True):
     std_gust_mps: float = 0.6
     wind_change_mps: float | None = None
     tilt_deg: float = 0.0
+    sea: tuple[float, float, float] | None = None
     tag_side_m: float | None = None
     rover_compass_deg: float = 0.0
     compass_step_deg: float = 0.0
@@ -90,6 +93,7 @@ class Trial(msgspec.Struct, frozen=True, kw_only=True):
         wind_from_deg: direction from which the wind blows, clockwise from north.
         rover_position_error_m: (2,) error, north and east, of the rover's position in the goal of the case "tag".
         tag_hidden_start_s: times from the goal at which the tag disappears.
+        sea_from_deg: direction from which the waves come, clockwise from north.
         tilt_towards_deg: direction of the platform's low side, clockwise from the rover's front.
         disturbed_s: time from the goal at which the compass jumps and the wind changes.
         wind_change_from_deg: direction from which the changed wind blows.
@@ -106,6 +110,7 @@ class Trial(msgspec.Struct, frozen=True, kw_only=True):
     tilt_towards_deg: float
     disturbed_s: float
     wind_change_from_deg: float
+    sea_from_deg: float
 
     def goal(self, pos_rover_ned_m: Vec3) -> LandOnSpotGoal:
         """The landing's goal.
@@ -152,4 +157,5 @@ def draw_trial(seed: int, conditions: Conditions) -> Trial:
         tilt_towards_deg=rng.uniform(-180.0, 180.0),
         disturbed_s=rng.uniform(*DISTURBED_RANGE_S),
         wind_change_from_deg=rng.uniform(-180.0, 180.0),
+        sea_from_deg=rng.uniform(-180.0, 180.0),
     )
