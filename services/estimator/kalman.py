@@ -12,11 +12,16 @@ from jezero.base.arrays import Array
 from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.innovations import Innovation, Observer, Sensor
 from jezero.services.estimator.motion import (
+    CLIMB_ROVER,
     COMPASS_BIAS,
+    DOWN_ROVER,
+    HEAVE_RPS,
     IDENTITY,
+    LEVEL_ROVER,
     POS_ROVER,
     POS_UAV,
     SIZE,
+    STD_HEAVE_M,
     UWB_BIAS,
     YAW,
     MotionModel,
@@ -143,6 +148,7 @@ class Kalman:
         T[POS_ROVER, POS_UAV] += np.eye(3)
         P = T @ self.P @ T.T
         P[POS_ROVER, POS_ROVER] += cov_m2
+        _level_from_height(x, P)
         self._filter.x, self._filter.P = x, P
 
     def reset_rover_heading(self, turn_rad: float, std_rad: float) -> None:
@@ -161,6 +167,14 @@ class Kalman:
         x[UWB_BIAS] = 0.0
         P[UWB_BIAS, :] = P[:, UWB_BIAS] = 0.0
         P[UWB_BIAS, UWB_BIAS] = std_m * std_m
+        self._filter.x, self._filter.P = x, P
+
+    def begin_heave(self) -> None:
+        """Let the platform's height and vertical speed be anything that a deck on waves may have."""
+        x, P = self.x.copy(), self.P.copy()
+        P[DOWN_ROVER, DOWN_ROVER] += STD_HEAVE_M**2
+        P[CLIMB_ROVER, CLIMB_ROVER] += (HEAVE_RPS * STD_HEAVE_M) ** 2
+        _level_from_height(x, P)
         self._filter.x, self._filter.P = x, P
 
     def inflate_covariance(self, states: slice, std: float) -> None:
@@ -188,6 +202,14 @@ class Kalman:
         """Standard deviation of the relative position's worst axis; infinite when it is not a number."""
         variances_m2 = self.var_pos_rel_m2
         return sqrt(max(*variances_m2, 0.0)) if isfinite(sum(variances_m2)) else inf
+
+
+def _level_from_height(x: Array, P: Array) -> None:  # noqa: N803
+    """Set the mean height of a platform that may heave from its present height."""
+    x[LEVEL_ROVER] = x[DOWN_ROVER]
+    P[LEVEL_ROVER] = P[DOWN_ROVER]
+    P[:, LEVEL_ROVER] = P[:, DOWN_ROVER]
+    P[LEVEL_ROVER, LEVEL_ROVER] = P[DOWN_ROVER, DOWN_ROVER] + STD_HEAVE_M**2
 
 
 def _make_inverse() -> Callable[[Array], Array]:

@@ -49,6 +49,8 @@ STD_FORWARD_PER_SPEED, STD_LATERAL_PER_SPEED, STD_VERTICAL_PER_SPEED = 0.03, 0.0
 """Standard deviations in proportion to the speed, for wheel radius and slip, sideslip, and slope of the ground."""
 STDS_SPEED_UNKNOWN_MPS = (10.0, 0.1, 0.3)
 """Along the heading, across it and down, for a rover whose speed is not measured."""
+STDS_HEAVE_MPS = (0.1, 0.1, 10.0)
+"""Speeds along the heading, across it and down that a heaving deck has besides; the last says that it isn't known."""
 STD_TILT_FAST_RAD = 0.003
 """Part of the vehicle's attitude error that is independent from image to image."""
 STD_CORNER_M = 0.003
@@ -134,6 +136,8 @@ class RoverOdometryMeasurement(msgspec.Struct, frozen=True, gc=False):
     Attributes:
         speed_known: false when the speed is not to be used: then yaw and yaw rate are measured, and that the rover does
             not slide.
+        heaves: whether the platform heaves and tilts: then its vertical speed isn't near 0, and its middle moves
+            sideways too.
     """
 
     kind: ClassVar[Kind] = "rover"
@@ -145,6 +149,7 @@ class RoverOdometryMeasurement(msgspec.Struct, frozen=True, gc=False):
     std_yaw_rad: float
     std_yaw_rate_rps: float
     speed_known: bool = True
+    heaves: bool = False
 
     def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> UpdateResult:
         x = kalman.x
@@ -166,7 +171,10 @@ class RoverOdometryMeasurement(msgspec.Struct, frozen=True, gc=False):
                 self.yaw_rate_rps - float(x[YAW_RATE]),
             )
         )
-        R = np.diag(np.square(self._stds()))
+        stds = self._stds()
+        if self.heaves:
+            stds[0:3] = np.hypot(stds[0:3], STDS_HEAVE_MPS)
+        R = np.diag(np.square(stds))
         S = kalman.innovation_covariance(H, R)
         excess = np.square(innovation) / S.diagonal() / gate[0]
         fits = float(excess.max()) <= 1.0

@@ -1,7 +1,8 @@
 """Filter of the relative position: initialization, delayed measurements, and reset after lasting rejection."""
 
+from collections import deque
 from collections.abc import Iterator, Sequence
-from math import inf, isfinite
+from math import inf, isfinite, sqrt
 from typing import ClassVar
 
 import msgspec
@@ -12,6 +13,7 @@ from jezero.base.vehicle_config import PlatformConfig
 from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.config import Tuning, ValidityConfig
 from jezero.services.estimator.consistency import ConsistencyMonitor
+from jezero.services.estimator.deck import DeckMonitor
 from jezero.services.estimator.innovations import Observer
 from jezero.services.estimator.kalman import FilterState, Kalman, UpdateResult
 from jezero.services.estimator.measurement_history import ACCEPTED_FRACTION_MIN, MeasurementHistory
@@ -27,6 +29,7 @@ from jezero.services.estimator.measurements import (
     can_linearize_ranges,
 )
 from jezero.services.estimator.motion import (
+    CLIMB_ROVER,
     POS_ROVER,
     POS_UAV,
     SIZE,
@@ -50,6 +53,10 @@ MONITORED_KINDS: tuple[Kind, ...] = ("rover", "uwb", "tag")
 REJECTION_WINDOW_S = 0.5
 REJECTED_MEASUREMENTS_MIN = 5
 """Fewer measurements in the window are not enough to decide that an input is rejected."""
+ODOMETRY_KEPT = 32
+"""Number of the autopilot's last positions that are kept: more than half a second of them."""
+TAG_SILENT_NS = NS_PER_S // 2
+"""UWB shows the platform's height when no tag has been seen for this time."""
 INPUT_CONFLICT_NS = 3 * NS_PER_S
 """Two inputs contradict each other when the filter was reset to both within this time."""
 
@@ -86,6 +93,7 @@ class RelativeFilter:
 
     Attributes:
         consistency: what contradicts what, and which input is left out for it.
+        deck: whether the platform heaves and tilts, and how much.
     """
 
     def __init__(self, tuning: Tuning, validity: ValidityConfig, platform: PlatformConfig) -> None:
@@ -94,14 +102,19 @@ class RelativeFilter:
         self._history: MeasurementHistory | None = None
         self._window = UwbWindow(platform)
         self.consistency = ConsistencyMonitor(platform.height_m)
+        self.deck = DeckMonitor()
+        self._heaves = False
+        self._downs_m: deque[tuple[int, float]] = deque(maxlen=ODOMETRY_KEPT)
+        """Times and heights of the vehicle by the autopilot, positive down."""
         self._prior: tuple[Array, float] | None = None
+        self._tag_ns = 0
         self._reset_at_ns: dict[Kind, int] = {}
         self._rejected_inputs: tuple[Kind, ...] = ()
 
     def set_tuning(self, tuning: Tuning) -> None:
         """Change the noise settings; the state stays."""
         self._tuning = tuning
-        self._kalman.set_motion_model(MotionModel(tuning))
+        self._kalman.set_motion_model(MotionModel(tuning, heaves=self._heaves))
 
     def observe_innovations(self, observer: Observer) -> None:
         """Call `observer` with each innovation from now on."""
@@ -117,6 +130,7 @@ class RelativeFilter:
         self._history = None
         self._window.clear()
         self.consistency.restart()
+        self.deck.clear()
         self._reset_at_ns.clear()
         self._rejected_inputs = ()
         self._prior = prior
@@ -131,6 +145,7 @@ class RelativeFilter:
         rounds = [m for m in measurements if type(m) is UwbMeasurement]
         for uwb in rounds:
             self._window.add(uwb)
+        self._watch_deck(history, measurements)
         history.add([*measurements, *self._initial_tag_reset(measurements)])
         if rounds:
             self._reset_by_uwb(history)
@@ -139,6 +154,35 @@ class RelativeFilter:
             self._reset_to_rejected_input(history)
         if not isfinite(history.kalman.x.sum() + history.kalman.P.sum()):
             self.restart(self._prior)
+
+    def _watch_deck(self, history: MeasurementHistory, measurements: Sequence[Measurement]) -> None:
+        """Compare the platform's heights by tag and UWB, and change the motion model when the deck begins to move."""
+        deck, kalman = self.deck, history.kalman
+        for measurement in measurements:
+            if isinstance(measurement, OdometryMeasurement):
+                self._downs_m.append((measurement.t_ns, float(measurement.pos_vel[2])))
+            elif isinstance(measurement, TagMeasurement):
+                self._tag_ns = measurement.t_ns
+                std_m = sqrt(float(measurement.measurement_cov_m2()[2, 2]))
+                self._add_height(measurement.t_ns, float(measurement.pos_rel_m[2]), std_m)
+            elif isinstance(measurement, UwbMeasurement) and measurement.t_ns - self._tag_ns > TAG_SILENT_NS:
+                vel_rel_mps = kalman.x[VEL_UAV] - kalman.x[VEL_ROVER]
+                found = self._window.position(measurement.t_ns, vel_rel_mps, float(kalman.x[YAW]))
+                if found is not None:
+                    self._add_height(measurement.t_ns, float(found[0][2]), sqrt(float(found[1][2, 2])))
+        if deck.moves:
+            deck.add_motion(kalman.t_ns, float(kalman.x[CLIMB_ROVER]))
+        if deck.moves != self._heaves:
+            self._heaves = deck.moves
+            self.set_tuning(self._tuning)
+            if self._heaves:
+                history.add([HeaveBegin(kalman.t_ns)])
+
+    def _add_height(self, t_ns: int, down_rel_m: float, std_m: float) -> None:
+        """Add the height of the vehicle relative to the platform, positive down, at a time of the last half second."""
+        if self._downs_m:
+            down_m = min(self._downs_m, key=lambda sample: abs(sample[0] - t_ns))[1]
+            self.deck.add_height(t_ns, down_m - down_rel_m, std_m)
 
     # -- estimate ------------------------------------------------------------------------------------------
 
@@ -341,6 +385,17 @@ def _admitted(monitor: ConsistencyMonitor, measurement: Measurement) -> Iterator
 
 
 # -- resets, which the history keeps in order with the measurements --------------------------------------
+
+
+class HeaveBegin(msgspec.Struct, frozen=True, gc=False):
+    """The platform is found to heave; see `Kalman.begin_heave`."""
+
+    kind: ClassVar[Kind] = "locate"
+    t_ns: int
+
+    def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> UpdateResult:
+        kalman.begin_heave()
+        return UpdateResult(1, 1)
 
 
 class HeadingReset(msgspec.Struct, frozen=True, gc=False):

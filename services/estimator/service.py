@@ -206,6 +206,7 @@ class Estimator:
             if self._arrivals.is_timely(t_ns, rover.t_ns, "the rover's odometry") and self._is_plausible(rover):
                 self._rover_odometry_ns = rover.t_ns
                 self._R_level_from_rover_body = level_from_rover_body(rover)
+                self._filter.deck.add_tilt(rover.t_ns, rover.roll_rover_rad, rover.pitch_rover_rad)
                 yield self._rover_measurement(rover)
         for altimeter in inbox.new(topics.ALTIMETER):
             range_m = altimeter.range_m
@@ -243,6 +244,7 @@ class Estimator:
             tuning.std_speed_rover_mps,
             hypot(tuning.std_yaw_rover_rad, self._config.std_time_s * rover.yaw_rate_rover_rps),
             tuning.std_yaw_rate_rover_rps,
+            heaves=self._filter.deck.moves,
         )
 
     def _lever(self, t_ns: int, mount_frd_m: Vec3) -> Array | None:

@@ -1,0 +1,127 @@
+"""Finds out whether the rover's platform heaves and tilts, as a boat's deck or a rover on rocks, and how much.
+
+The filter holds a rover that stands still, or drives on even ground, to a vertical speed near 0: so a landing on the
+ground is precise. On a deck this would make UWB and tag contradict the estimate. The monitor compares what measures the
+deck directly, not the filter's estimate of it, and the filter changes its motion model when the deck moves.
+"""
+
+from collections import deque
+from math import hypot, sqrt
+
+import msgspec
+import numpy as np
+
+from jezero.schemas.units import NS_PER_S
+
+TILT_WINDOW_NS, HEIGHT_WINDOW_NS = 2 * NS_PER_S, NS_PER_S
+TILT_CHANGE_MIN_RAD = 0.02
+"""The deck moves when its tilt by the rover's IMU changes by this within TILT_WINDOW_NS: four times the IMU's noise."""
+CLIMB_MIN_MPS, CLIMB_SIGMAS = 0.1, 5.0
+"""The deck moves when its height by tag or UWB changes faster than this, and than this number of the speed's standard
+deviations, over HEIGHT_WINDOW_NS."""
+SAMPLES_MIN, STD_SAMPLE_MAX_M = 8, 0.15
+STILL_AFTER_NS = 20 * NS_PER_S
+"""The deck counts as still after this time without a sign that it moves: longer than the calm between two groups of
+waves."""
+MOTION_WINDOW_NS, MOTION_PERIOD_NS = 30 * NS_PER_S, NS_PER_S // 10
+"""What the deck did within this time says what it may do next."""
+
+
+class DeckSize(msgspec.Struct, frozen=True):
+    """How much the deck moved within the last half minute, as significant values: two standard deviations.
+
+    Attributes:
+        climb_mps: of the vertical speed.
+        tilt_rad: of the angle between the platform and the level.
+        observed_s: time for which the deck has been observed, half a minute at most.
+    """
+
+    climb_mps: float
+    tilt_rad: float
+    observed_s: float
+
+
+class DeckMonitor:
+    """Watches the deck.
+
+    Attributes:
+        moves: whether the deck moves.
+        tilt_rad: (2,) newest roll and pitch of the platform by the rover's IMU.
+    """
+
+    def __init__(self) -> None:
+        self.moves = False
+        self.tilt_rad = (0.0, 0.0)
+        self._tilts: deque[tuple[int, float, float]] = deque()
+        self._heights: deque[tuple[int, float, float]] = deque()
+        self._motion: deque[tuple[int, float, float]] = deque()
+        self._moved_ns = 0
+
+    def clear(self) -> None:
+        """Forget the heights, which don't fit those after a reset of the vehicle's position."""
+        self._heights.clear()
+
+    def add_tilt(self, t_ns: int, roll_rad: float, pitch_rad: float) -> None:
+        """Add the platform's attitude by the rover's IMU."""
+        self.tilt_rad = roll_rad, pitch_rad
+        _append(self._tilts, (t_ns, roll_rad, pitch_rad), TILT_WINDOW_NS)
+        _, rolls_rad, pitches_rad = zip(*self._tilts, strict=True)
+        change_rad = hypot(max(rolls_rad) - min(rolls_rad), max(pitches_rad) - min(pitches_rad))
+        if change_rad > TILT_CHANGE_MIN_RAD:
+            self._note(t_ns)
+        elif t_ns - self._moved_ns > STILL_AFTER_NS:
+            self.moves = False
+
+    def add_height(self, t_ns: int, down_m: float, std_m: float) -> None:
+        """Add the platform's height as tag or UWB measure it from the vehicle, whose height the autopilot knows.
+
+        Args:
+            down_m: in the vehicle's world frame, positive down.
+            std_m: standard deviation.
+        """
+        if std_m > STD_SAMPLE_MAX_M:
+            return
+        _append(self._heights, (t_ns, down_m, std_m), HEIGHT_WINDOW_NS)
+        if len(self._heights) < SAMPLES_MIN:
+            return
+        times_ns, downs_m, stds_m = (np.array(column) for column in zip(*self._heights, strict=True))
+        times_s = (times_ns - t_ns) / NS_PER_S
+        times_s -= times_s.mean()
+        spread_s2 = float(times_s @ times_s)
+        if times_ns[-1] - times_ns[0] < HEIGHT_WINDOW_NS // 2:
+            return
+        climb_mps = float(times_s @ downs_m) / spread_s2
+        rest_m = downs_m - downs_m.mean() - climb_mps * times_s
+        std_m = max(float(stds_m.mean()), float(rest_m.std()))
+        if abs(climb_mps) > max(CLIMB_MIN_MPS, CLIMB_SIGMAS * std_m / sqrt(spread_s2)):
+            self._note(t_ns)
+
+    def add_motion(self, t_ns: int, down_mps: float) -> None:
+        """Add the filter's estimate of the deck's vertical speed, positive down."""
+        if not self._motion or t_ns - self._motion[-1][0] >= MOTION_PERIOD_NS:
+            _append(self._motion, (t_ns, down_mps, hypot(*self.tilt_rad)), MOTION_WINDOW_NS)
+
+    @property
+    def size(self) -> DeckSize | None:
+        """How much the deck moves; None for a still deck, and at first."""
+        if not self.moves or len(self._motion) < 2:
+            return None
+        times_ns, speeds_mps, tilts_rad = (np.array(column) for column in zip(*self._motion, strict=True))
+        return DeckSize(
+            climb_mps=2.0 * float(np.sqrt(np.square(speeds_mps).mean())),
+            tilt_rad=2.0 * float(np.sqrt(np.square(tilts_rad).mean() / 2.0)),
+            observed_s=float(times_ns[-1] - times_ns[0]) / NS_PER_S,
+        )
+
+    def _note(self, t_ns: int) -> None:
+        """Note a sign that the deck moves."""
+        if not self.moves:
+            self._motion.clear()
+        self.moves = True
+        self._moved_ns = max(self._moved_ns, t_ns)
+
+
+def _append(samples: deque[tuple[int, float, float]], sample: tuple[int, float, float], span_ns: int) -> None:
+    samples.append(sample)
+    while sample[0] - samples[0][0] > span_ns:
+        samples.popleft()
