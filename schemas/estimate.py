@@ -50,6 +50,31 @@ class TagEstimate(Message, frozen=True, kw_only=True):
     reprojection_px: NonNegative
 
 
+class DeckMotion(Payload, frozen=True, kw_only=True):
+    """Motion of a platform that heaves and tilts, as the deck of a boat. Significant values are two standard deviations
+    of the last half minute.
+
+    Attributes:
+        acc_down_mps2: vertical acceleration of the platform, positive down.
+        roll_rad: roll of the platform.
+        pitch_rad: pitch of the platform.
+        roll_rate_rps: rate of `roll_rad`.
+        pitch_rate_rps: rate of `pitch_rad`.
+        climb_significant_mps: significant vertical speed.
+        tilt_significant_rad: significant angle between the platform and the level.
+        observed_s: time for which the motion has been observed, half a minute at most.
+    """
+
+    acc_down_mps2: Finite
+    roll_rad: Angle
+    pitch_rad: Angle
+    roll_rate_rps: Finite
+    pitch_rate_rps: Finite
+    climb_significant_mps: NonNegative
+    tilt_significant_rad: NonNegative
+    observed_s: NonNegative
+
+
 class Relative(Message, frozen=True, kw_only=True):
     """State of the vehicle relative to the centre of the platform's surface.
 
@@ -70,6 +95,7 @@ class Relative(Message, frozen=True, kw_only=True):
             autopilot's velocity error.
         yaw_rover_rad: heading of the rover.
         yaw_rate_rover_rps: yaw rate of the rover, clockwise as seen from above.
+        deck: motion of a platform that heaves and tilts; None for one that stands or drives on even ground.
         use_uwb: the selection in force includes the UWB ranges.
         use_tag: the selection in force includes the tag detections.
         inputs: names of the inputs that were fused in the last second, such as `uwb` and `tag`.
@@ -90,6 +116,7 @@ class Relative(Message, frozen=True, kw_only=True):
     vel_rover_ned_mps: VelocityNed
     yaw_rover_rad: Angle
     yaw_rate_rover_rps: Finite
+    deck: DeckMotion | None = None
     use_uwb: bool
     use_tag: bool
     inputs: Annotated[tuple[Name, ...], Meta(max_length=16)] = ()

@@ -226,7 +226,7 @@ def bench() -> None:
 @click.option("--tilt", "tilt_deg", type=click.FloatRange(0.0, 30.0), default=0.0, show_default=True, metavar="DEG",
               help="Tilt of the rover's platform, in a random direction.")  # fmt: skip
 @click.option("--sea", nargs=3, type=float, metavar="HEIGHT PERIOD TILT", callback=_sea,
-              help="Waves under the rover: significant height in m, period in s, tilt of the deck in degrees.")  # fmt: skip
+              help="Waves under the rover: significant height in m, period in s, tilt in degrees.")  # fmt: skip
 @click.option("--compass-step", "compass_step_deg", type=click.FloatRange(-180.0, 180.0), default=0.0,
               show_default=True, metavar="DEG",
               help="Jump of the vehicle's compass at a random time of the landing.")  # fmt: skip

@@ -8,9 +8,9 @@ deck directly, not the filter's estimate of it, and the filter changes its motio
 from collections import deque
 from math import hypot, sqrt
 
-import msgspec
 import numpy as np
 
+from jezero.schemas.estimate import DeckMotion
 from jezero.schemas.units import NS_PER_S
 
 TILT_WINDOW_NS, HEIGHT_WINDOW_NS = 2 * NS_PER_S, NS_PER_S
@@ -23,22 +23,10 @@ SAMPLES_MIN, STD_SAMPLE_MAX_M = 8, 0.15
 STILL_AFTER_NS = 20 * NS_PER_S
 """The deck counts as still after this time without a sign that it moves: longer than the calm between two groups of
 waves."""
+TILT_RATE_NS = 3 * NS_PER_S // 10
+"""The rates of roll and pitch are measured over this time."""
 MOTION_WINDOW_NS, MOTION_PERIOD_NS = 30 * NS_PER_S, NS_PER_S // 10
 """What the deck did within this time says what it may do next."""
-
-
-class DeckSize(msgspec.Struct, frozen=True):
-    """How much the deck moved within the last half minute, as significant values: two standard deviations.
-
-    Attributes:
-        climb_mps: of the vertical speed.
-        tilt_rad: of the angle between the platform and the level.
-        observed_s: time for which the deck has been observed, half a minute at most.
-    """
-
-    climb_mps: float
-    tilt_rad: float
-    observed_s: float
 
 
 class DeckMonitor:
@@ -46,12 +34,10 @@ class DeckMonitor:
 
     Attributes:
         moves: whether the deck moves.
-        tilt_rad: (2,) newest roll and pitch of the platform by the rover's IMU.
     """
 
     def __init__(self) -> None:
         self.moves = False
-        self.tilt_rad = (0.0, 0.0)
         self._tilts: deque[tuple[int, float, float]] = deque()
         self._heights: deque[tuple[int, float, float]] = deque()
         self._motion: deque[tuple[int, float, float]] = deque()
@@ -63,7 +49,6 @@ class DeckMonitor:
 
     def add_tilt(self, t_ns: int, roll_rad: float, pitch_rad: float) -> None:
         """Add the platform's attitude by the rover's IMU."""
-        self.tilt_rad = roll_rad, pitch_rad
         _append(self._tilts, (t_ns, roll_rad, pitch_rad), TILT_WINDOW_NS)
         _, rolls_rad, pitches_rad = zip(*self._tilts, strict=True)
         change_rad = hypot(max(rolls_rad) - min(rolls_rad), max(pitches_rad) - min(pitches_rad))
@@ -99,19 +84,40 @@ class DeckMonitor:
     def add_motion(self, t_ns: int, down_mps: float) -> None:
         """Add the filter's estimate of the deck's vertical speed, positive down."""
         if not self._motion or t_ns - self._motion[-1][0] >= MOTION_PERIOD_NS:
-            _append(self._motion, (t_ns, down_mps, hypot(*self.tilt_rad)), MOTION_WINDOW_NS)
+            _, roll_rad, pitch_rad = self._tilts[-1] if self._tilts else (0, 0.0, 0.0)
+            _append(self._motion, (t_ns, down_mps, hypot(roll_rad, pitch_rad)), MOTION_WINDOW_NS)
 
-    @property
-    def size(self) -> DeckSize | None:
-        """How much the deck moves; None for a still deck, and at first."""
+    def motion(self, acc_down_mps2: float) -> DeckMotion | None:
+        """How the deck moves; None for a still deck, and at first.
+
+        Args:
+            acc_down_mps2: the filter's estimate of the deck's vertical acceleration, positive down.
+        """
         if not self.moves or len(self._motion) < 2:
             return None
         times_ns, speeds_mps, tilts_rad = (np.array(column) for column in zip(*self._motion, strict=True))
-        return DeckSize(
-            climb_mps=2.0 * float(np.sqrt(np.square(speeds_mps).mean())),
-            tilt_rad=2.0 * float(np.sqrt(np.square(tilts_rad).mean() / 2.0)),
+        roll_rad, pitch_rad, roll_rate_rps, pitch_rate_rps = self._newest_tilt()
+        return DeckMotion(
+            acc_down_mps2=acc_down_mps2,
+            roll_rad=roll_rad,
+            pitch_rad=pitch_rad,
+            roll_rate_rps=roll_rate_rps,
+            pitch_rate_rps=pitch_rate_rps,
+            climb_significant_mps=2.0 * float(np.sqrt(np.square(speeds_mps).mean())),
+            tilt_significant_rad=2.0 * float(np.sqrt(np.square(tilts_rad).mean())),
             observed_s=float(times_ns[-1] - times_ns[0]) / NS_PER_S,
         )
+
+    def _newest_tilt(self) -> tuple[float, float, float, float]:
+        """Newest roll and pitch by the rover's IMU, and their rates; 0 while the rover sends none."""
+        if len(self._tilts) < 2:
+            return 0.0, 0.0, 0.0, 0.0
+        t_ns, roll_rad, pitch_rad = self._tilts[-1]
+        begin_ns, begin_roll_rad, begin_pitch_rad = next(
+            tilt for tilt in self._tilts if t_ns - tilt[0] <= TILT_RATE_NS or tilt[0] == t_ns
+        )
+        passed_s = max(t_ns - begin_ns, 1) / NS_PER_S
+        return roll_rad, pitch_rad, (roll_rad - begin_roll_rad) / passed_s, (pitch_rad - begin_pitch_rad) / passed_s
 
     def _note(self, t_ns: int) -> None:
         """Note a sign that the deck moves."""

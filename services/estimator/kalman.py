@@ -204,7 +204,7 @@ class Kalman:
         return sqrt(max(*variances_m2, 0.0)) if isfinite(sum(variances_m2)) else inf
 
 
-def _level_from_height(x: Array, P: Array) -> None:  # noqa: N803
+def _level_from_height(x: Array, P: Array) -> None:
     """Set the mean height of a platform that may heave from its present height."""
     x[LEVEL_ROVER] = x[DOWN_ROVER]
     P[LEVEL_ROVER] = P[DOWN_ROVER]

@@ -114,7 +114,7 @@ class MotionModel:
         F[17, 17] = F[18, 18] = F[19, 19] = exp(-dt_s / TAU_ATTITUDE_S)
         return F, self._linear * dt_s + self._square * (dt_s * dt_s) + self._cubic * (dt_s * dt_s * dt_s)
 
-    def _oscillate(self, F: Array, dt_s: float) -> None:  # noqa: N803
+    def _oscillate(self, F: Array, dt_s: float) -> None:
         """Set the part of a heaving platform: height and vertical speed, relative to the mean height."""
         damped_rps, decay_1ps = HEAVE_RPS * sqrt(1.0 - HEAVE_DAMPING**2), HEAVE_DAMPING * HEAVE_RPS
         c, s = cos(damped_rps * dt_s), sin(damped_rps * dt_s) / damped_rps
@@ -136,6 +136,12 @@ class MotionModel:
         after = F @ x
         F[9, YAW_RATE], F[10, YAW_RATE] = -dt_s * after[10], dt_s * after[9]
         return after, F, Q
+
+
+def heave_acc_mps2(x: Array) -> float:
+    """Vertical acceleration of a platform that heaves, positive down."""
+    below_m, climb_mps = float(x[DOWN_ROVER] - x[LEVEL_ROVER]), float(x[CLIMB_ROVER])
+    return -(HEAVE_RPS**2) * below_m - 2.0 * HEAVE_DAMPING * HEAVE_RPS * climb_mps
 
 
 def _add_white_acceleration(pos: int, vel: int, psd: float, linear: Array, square: Array, cubic: Array) -> None:

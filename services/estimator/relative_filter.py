@@ -41,6 +41,7 @@ from jezero.services.estimator.motion import (
     YAW,
     YAW_RATE,
     MotionModel,
+    heave_acc_mps2,
     initial_state,
 )
 from jezero.services.estimator.uwb_initialization import UwbWindow
@@ -76,6 +77,7 @@ class FilterEstimate(msgspec.Struct, frozen=True, gc=False):
     """Estimate of the vehicle relative to the rover; fields as in `schemas.estimate.Relative`.
 
     Attributes:
+        acc_down_rover_mps2: vertical acceleration of a platform that heaves, positive down; 0 for a still one.
         vel_rover_mps: (3,) with the error of the autopilot's velocity added, as in the autopilot's odometry.
     """
 
@@ -84,6 +86,7 @@ class FilterEstimate(msgspec.Struct, frozen=True, gc=False):
     vel_rel_mps: Array
     cov: Array
     vel_rover_mps: Array
+    acc_down_rover_mps2: float
     yaw_rover_rad: float
     yaw_rate_rover_rps: float
 
@@ -200,6 +203,7 @@ class RelativeFilter:
             vel_rel_mps=relative[3:6],
             cov=RELATIVE_T @ kalman.P @ RELATIVE_T.T,
             vel_rover_mps=x[VEL_ROVER] + x[VEL_ERROR],
+            acc_down_rover_mps2=heave_acc_mps2(x) if self._heaves else 0.0,
             yaw_rover_rad=float(x[YAW]),
             yaw_rate_rover_rps=float(x[YAW_RATE]),
         )

@@ -400,6 +400,7 @@ class Estimator:
             vel_rover_ned_mps=ZERO if estimate is None else _vec3(estimate.vel_rover_mps),
             yaw_rover_rad=0.0 if estimate is None else wrap_pi(estimate.yaw_rover_rad),
             yaw_rate_rover_rps=0.0 if estimate is None else estimate.yaw_rate_rover_rps,
+            deck=None if known is None else self._filter.deck.motion(known.acc_down_rover_mps2),
             use_uwb=selection.use_uwb,
             use_tag=selection.use_tag,
             inputs=self._filter.inputs,

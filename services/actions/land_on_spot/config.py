@@ -73,6 +73,29 @@ class LandingBoundsConfig(Config, frozen=True, kw_only=True):
     speed_rover_max_mps: Positive = 2.5
 
 
+class DeckConfig(Config, frozen=True, kw_only=True):
+    """Landing on a platform that heaves and tilts, as a boat's deck. Significant values are two standard deviations.
+
+    Attributes:
+        observe_s: time for which the motion is observed before the descent.
+        climb_max_mps: greatest significant vertical speed on which a landing begins its descent.
+        tilt_max_rad: greatest significant tilt on which a landing begins its descent.
+        height_wait_m: height over the platform at which the vehicle waits for a calm moment.
+        climb_calm_mps: greatest vertical speed of the platform, predicted for the touchdown, in a calm moment.
+        tilt_calm_rad: greatest tilt of the platform, predicted for the touchdown, in a calm moment.
+        widening_s: waiting time after which both limits of a calm moment are twice as large; after twice this time
+            three times, and so on.
+    """
+
+    observe_s: Positive = 8.0
+    climb_max_mps: Positive = 1.0
+    tilt_max_rad: Positive = 0.2
+    height_wait_m: Positive = 0.4
+    climb_calm_mps: Positive = 0.3
+    tilt_calm_rad: Positive = 0.06
+    widening_s: Positive = 6.0
+
+
 class RoverLandingConfig(Config, frozen=True, kw_only=True):
     """Landing on the rover by the estimate of the relative position. Heights are over the platform.
 
@@ -92,6 +115,7 @@ class RoverLandingConfig(Config, frozen=True, kw_only=True):
         timeout_s: maximum duration of the whole landing.
         platform_control: horizontal control over the platform.
         search: search for the rover.
+        deck: a platform that heaves and tilts.
         bounds: bounds of the whole landing.
     """
 
@@ -106,6 +130,7 @@ class RoverLandingConfig(Config, frozen=True, kw_only=True):
     timeout_s: Positive = 180.0
     platform_control: PlatformControlConfig = PlatformControlConfig()
     search: SearchConfig = SearchConfig()
+    deck: DeckConfig = DeckConfig()
     bounds: LandingBoundsConfig = LandingBoundsConfig()
 
 

@@ -11,6 +11,7 @@ from typing import Literal, NamedTuple
 from jezero.base.detectors import SLOPE_SINE_MAX, is_tilted_by_contact
 from jezero.base.frames import Quat, Vec3, quat_conjugate, quat_rotate, tilt_from_quat
 from jezero.base.vehicle_config import AirframeConfig, VehicleConfig
+from jezero.schemas.estimate import DeckMotion
 from jezero.schemas.units import GRAVITY_MPS2, NS_PER_S
 from jezero.services.actions.land_on_spot.landing_watch import wind_words
 from jezero.services.actions.land_on_spot.platform import PlatformState
@@ -228,6 +229,9 @@ FORCE_BELOW_M, FORCE_MPS = 0.1, 0.2
 pushed down."""
 FORCE_FEET_MAX_M = 0.1
 """A forced disarm needs an altimeter range, tilt-corrected, of feet lower than this, or none."""
+HELD_S, HELD_SINKS_MAX_M, HELD_BELOW_M = 4.0, 1.0, 0.3
+"""A vehicle that is pushed down in the air sinks by more than 2 m in HELD_S, as its thrust is taken away; one that a
+deck holds moves with the deck. Height by the estimate above which nothing holds the vehicle."""
 HEIGHT_SIGMAS = 2.0
 """The height plus this many standard deviations must be below the limit of a forced disarm."""
 
@@ -236,39 +240,66 @@ class TouchdownDetector:
     """Detects that the vehicle stands on the platform, independently of the autopilot. Source: spec §8.
 
     Two signs must hold: the height over the platform is low, and the vehicle rests there although it is pushed down.
-    They count only while the platform is measured, and the altimeter may not contradict them.
+    They count only while the platform is measured, and the altimeter may not contradict them. On a deck that heaves
+    the vehicle never stands still, and close to the anchors its height by UWB is uncertain: there it also stands when
+    it has sunk by much less than it was pushed down.
     """
 
     def __init__(self, vehicle: VehicleConfig) -> None:
         self._on_platform_m = 0.5 * vehicle.platform.side_m
         self._range_max_m = vehicle.height_altimeter_m + FORCE_FEET_MAX_M
         self._since_ns: int | None = None
+        self._pushed: deque[tuple[int, float]] = deque()
+        """Times and heights of the vehicle, positive down, since the push began, for HELD_S at most."""
 
     def reset(self) -> None:
         """Start again, because the signs so far were no touchdown."""
         self._since_ns = None
+        self._pushed.clear()
 
-    def update(self, t_ns: int, platform: PlatformState | None, range_m: float | None) -> bool:
-        """Add the newest state; returns whether both signs have held for long enough without a break.
+    def update(
+        self,
+        t_ns: int,
+        platform: PlatformState | None,
+        range_m: float | None,
+        deck: DeckMotion | None = None,
+        down_m: float = 0.0,
+    ) -> bool:
+        """Add the newest state; returns whether the vehicle has stood on the platform for long enough.
 
         To be called in every step in which the vehicle is pushed down.
 
         Args:
             platform: None while the platform isn't measured.
             range_m: of the altimeter, tilt-corrected; None when it measures nothing, as on the ground.
+            deck: motion of a platform that heaves; None for a still one.
+            down_m: height of the vehicle in the world, positive down.
         """
-        if platform is None or not self._has_signs(platform, range_m):
-            self.reset()
+        altimeter_agrees = range_m is None or range_m < self._range_max_m
+        if deck is not None and altimeter_agrees and self._is_held(t_ns, platform, down_m):
+            return True
+        if platform is None or not altimeter_agrees or not self._has_signs(platform):
+            self._since_ns = None
             return False
         if self._since_ns is None:
             self._since_ns = t_ns
         return t_ns - self._since_ns >= FORCE_S * NS_PER_S
 
-    def _has_signs(self, platform: PlatformState, range_m: float | None) -> bool:
+    def _has_signs(self, platform: PlatformState) -> bool:
         low = platform.height_m + HEIGHT_SIGMAS * platform.std_height_m < FORCE_BELOW_M
         rests = platform.speed_mps < FORCE_MPS and abs(platform.vel_ned_mps[2]) < FORCE_MPS
-        on_platform = platform.error_m < self._on_platform_m
-        return low and rests and on_platform and (range_m is None or range_m < self._range_max_m)
+        return low and rests and platform.error_m < self._on_platform_m
+
+    def _is_held(self, t_ns: int, platform: PlatformState | None, down_m: float) -> bool:
+        """Whether something holds the vehicle, low over the platform, against a push of HELD_S."""
+        pushed = self._pushed
+        pushed.append((t_ns, down_m))
+        while t_ns - pushed[0][0] > HELD_S * NS_PER_S:
+            pushed.popleft()
+        if platform is not None and (platform.height_m > HELD_BELOW_M or platform.error_m > self._on_platform_m):
+            pushed.clear()
+            return False
+        return t_ns - pushed[0][0] > 0.9 * HELD_S * NS_PER_S and down_m - pushed[0][1] < HELD_SINKS_MAX_M
 
 
 DISARM_S = 4.0

@@ -3,13 +3,13 @@
 Source: spec §8; thesis §4.4.2.
 """
 
-from math import exp, hypot, sqrt
+from math import degrees, exp, hypot, sqrt
 from typing import NamedTuple
 
 from jezero.base.frames import Vec3, add, altitude_m, scale, subtract
-from jezero.schemas.estimate import Relative
+from jezero.schemas.estimate import DeckMotion, Relative
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.land_on_spot.config import PlatformControlConfig, RoverLandingConfig
+from jezero.services.actions.land_on_spot.config import DeckConfig, PlatformControlConfig, RoverLandingConfig
 from jezero.services.actions.motion.behaviour import VehicleState
 from jezero.services.actions.motion.rover_frame import turn_acceleration
 from jezero.services.actions.motion.tracking import ZERO
@@ -29,6 +29,7 @@ class PlatformState(NamedTuple):
         yaw_rate_rover_rps: of the platform.
         std_m: standard deviation of the horizontal position.
         std_height_m: standard deviation of the height.
+        deck: motion of a platform that heaves; None for a still one.
     """
 
     pos_ned_m: Vec3
@@ -37,6 +38,7 @@ class PlatformState(NamedTuple):
     yaw_rate_rover_rps: float
     std_m: float = 0.0
     std_height_m: float = 0.0
+    deck: DeckMotion | None = None
 
     @property
     def height_m(self) -> float:
@@ -59,9 +61,10 @@ class PlatformState(NamedTuple):
         return hypot(self.vel_ned_mps[0], self.vel_ned_mps[1])
 
     @property
-    def acc_rover_ned_mps2(self) -> tuple[float, float]:
-        """Acceleration of the platform in its turn, north and east."""
-        return turn_acceleration(self.vel_rover_ned_mps, self.yaw_rate_rover_rps)
+    def acc_rover_ned_mps2(self) -> Vec3:
+        """(3,) acceleration of the platform in its turn and in its heave."""
+        acc_down_mps2 = 0.0 if self.deck is None else self.deck.acc_down_mps2
+        return (*turn_acceleration(self.vel_rover_ned_mps, self.yaw_rate_rover_rps), acc_down_mps2)
 
 
 def platform_state_at(t_ns: int, relative: Relative, feet_ned_m: Vec3) -> PlatformState:
@@ -79,6 +82,7 @@ def platform_state_at(t_ns: int, relative: Relative, feet_ned_m: Vec3) -> Platfo
         relative.yaw_rate_rover_rps,
         sqrt(max(relative.cov[NORTH], 0.0) + max(relative.cov[EAST], 0.0)),
         sqrt(max(relative.cov[DOWN], 0.0)),
+        relative.deck,
     )
 
 
@@ -221,7 +225,7 @@ class PlatformControl:
         self._integrate(dt_s, platform, error_m)
         pull_1ps = self._speed_mps(error_m) / error_m if error_m > 1e-9 else self._config.gain_near_1ps
         (north_m, east_m, _), (north_mps, east_mps, _) = platform.pos_ned_m, platform.vel_ned_mps
-        acc_north_mps2, acc_east_mps2 = platform.acc_rover_ned_mps2
+        acc_north_mps2, acc_east_mps2, _ = platform.acc_rover_ned_mps2
         velocity = (
             platform.vel_rover_ned_mps[0] - pull_1ps * north_m + self._integral_mps[0],
             platform.vel_rover_ned_mps[1] - pull_1ps * east_m + self._integral_mps[1],
@@ -249,6 +253,8 @@ class PlatformControl:
         self._integral_mps = (shrink * north_mps, shrink * east_mps)
 
 
+CALM_PREDICTION_S = 1.0
+"""The motion of a platform that heaves is predicted for this time at most."""
 STEP_MAX_S = 0.1
 BEGIN_MARGIN_M = 0.5
 """The descent begins when the vehicle is at most this much above the height of the approach."""
@@ -273,6 +279,51 @@ CONTACT_M, CONTACT_S = 0.03, 0.4
 """A lower foot than this counts as contact, and so does a stop of this duration during the descent."""
 
 
+class CalmMoment:
+    """Waits for a moment in which a platform that heaves will be calm at the touchdown."""
+
+    def __init__(self, config: DeckConfig) -> None:
+        self._config = config
+        self._waited_s = 0.0
+
+    def is_calm(self, passed_s: float, deck: DeckMotion, climb_down_mps: float, touchdown_s: float) -> bool:
+        """Whether the platform is calm in `touchdown_s`; the limits widen with the time spent waiting.
+
+        Args:
+            passed_s: time since the last call.
+            climb_down_mps: present vertical speed of the platform, positive down.
+        """
+        config = self._config
+        later_s = min(touchdown_s, CALM_PREDICTION_S)
+        climb_mps = abs(climb_down_mps + deck.acc_down_mps2 * later_s)
+        tilt_rad = hypot(
+            deck.roll_rad + deck.roll_rate_rps * later_s,
+            deck.pitch_rad + deck.pitch_rate_rps * later_s,
+        )
+        wider = 1.0 + self._waited_s / config.widening_s
+        if climb_mps < wider * config.climb_calm_mps and tilt_rad < wider * config.tilt_calm_rad:
+            return True
+        self._waited_s += passed_s
+        return False
+
+
+def deck_refusal(deck: DeckMotion | None, config: DeckConfig) -> str:
+    """Reason not to descend to a platform that heaves or tilts too much, or ""."""
+    if deck is None or deck.observed_s < config.observe_s:
+        return ""
+    moves = (
+        f"the platform heaves with {deck.climb_significant_mps:.2f} m/s and tilts by "
+        f"{degrees(deck.tilt_significant_rad):.0f} degrees (significant values)"
+    )
+    if deck.climb_significant_mps > config.climb_max_mps:
+        limit = f"{config.climb_max_mps:g} m/s (climb_max_mps)"
+    elif deck.tilt_significant_rad > config.tilt_max_rad:
+        limit = f"{degrees(config.tilt_max_rad):.0f} degrees (tilt_max_rad)"
+    else:
+        return ""
+    return f"{moves}, and a landing is limited to {limit}: wait until it moves less, or use force"
+
+
 class Descent:
     """Descent inside a cone that narrows towards the middle of the platform.
 
@@ -283,13 +334,19 @@ class Descent:
     def __init__(self, config: RoverLandingConfig, room_m: float) -> None:
         self._config = config
         self._room_m = room_m
+        self._calm = CalmMoment(config.deck)
         self._waited_s = 0.0
         self._t_ns: int | None = None
         self._moving_ns: int | None = None
 
     def may_begin(self, platform: PlatformState) -> bool:
-        """Whether the vehicle is over the platform, at the height of the approach, and slow."""
+        """Whether the vehicle is over the platform, at the height of the approach, and slow.
+
+        A platform that heaves must have been observed for long enough.
+        """
         config = self._config
+        if platform.deck is not None and platform.deck.observed_s < config.deck.observe_s:
+            return False
         low = platform.height_m < config.height_approach_m + BEGIN_MARGIN_M
         slow = platform.speed_mps < SPEED_GATE_MPS
         return low and slow and platform.error_m < self.cone_m(platform)
@@ -306,6 +363,10 @@ class Descent:
         cone_m = self.cone_m(platform)
         certain = platform.std_m < STD_M + STD_PER_M * platform.height_m
         inside = platform.error_in_m(PREDICTION_S) < cone_m
+        if platform.deck is not None and platform.height_m < config.deck.height_wait_m:
+            touchdown_s = platform.height_m / wanted_mps
+            if not self._calm.is_calm(passed_s, platform.deck, platform.vel_rover_ned_mps[2], touchdown_s):
+                return 0.0
         if certain and inside and platform.speed_mps < SPEED_GATE_MPS:
             self._waited_s = max(0.0, self._waited_s - passed_s)
             return wanted_mps

@@ -37,6 +37,7 @@ from jezero.services.actions.land_on_spot.platform import (
     PlatformState,
     PlatformTracking,
     VerticalSpeed,
+    deck_refusal,
 )
 from jezero.services.actions.motion.behaviour import Done, Move, MovingFrame, Remaining, Selection, VehicleState
 
@@ -73,7 +74,7 @@ class RoverLanding:
     Args:
         selection: of the estimator's inputs for this landing.
         vehicle: the vehicle and the platform.
-        force: land in more wind than the settings allow, too.
+        force: land in more wind, and on a deck that moves more, than the settings allow, too.
     """
 
     def __init__(
@@ -91,6 +92,7 @@ class RoverLanding:
         self._uwb_range_m = vehicle.uwb.range_max_m
         self._on_platform_m = 0.5 * vehicle.platform.side_m
         room_m = max(self._on_platform_m - hypot(*vehicle.airframe.feet_frd_m), 0.0)
+        self._force = force
         self._wind_limit = WindLimit(settings.wind_max_mps, force)
         self._control = PlatformControl(land.platform_control)
         self._descent = Descent(land, room_m)
@@ -203,13 +205,16 @@ class RoverLanding:
         if self._phase == "approach" and self._descent.may_begin(platform):
             self._phase = "descent"
         if self._phase == "approach":
-            if self._wind_limit.reason:
-                return Done("aborted", self._wind_limit.reason)
+            if reason := self._wind_limit.reason or self._deck_refusal(platform):
+                return Done("aborted", reason)
             if platform.height_m < CLEAR_M and platform.error_m > self._on_platform_m + BESIDE_MARGIN_M:
                 # Climb first, because the straight way would lead into the rover's side.
                 return self._fly(state, (0.0, 0.0, -SPEED_UP_MPS), None)
             return self._follow(state, platform, dt_s, self._approach_mps(platform, state.height_m))
         return self._go_down(t_ns, dt_s, platform, state)
+
+    def _deck_refusal(self, platform: PlatformState) -> str:
+        return "" if self._force else deck_refusal(platform.deck, self._land.deck)
 
     def _approach_mps(self, platform: PlatformState, height_m: float | None) -> float:
         """Speed downwards during the approach: to its height, but not so low that the tag gets out of view.
@@ -243,7 +248,7 @@ class RoverLanding:
         Args:
             measured: None while the platform isn't measured.
         """
-        if self._touchdown.update(t_ns, measured, state.height_m):
+        if self._touchdown.update(t_ns, measured, state.height_m, platform.deck, state.pos_uav_ned_m[2]):
             return Done("succeeded", then="force_disarm")
         if problem := self._contact.update(t_ns, self._on_surface(measured, state), state, measured):
             self._phase = "go_around"
@@ -255,7 +260,7 @@ class RoverLanding:
         if platform.height_m > BOUNCE_M:
             self._phase = "descent"
         push_acc_ned_mps2 = self._contact.push_acc_ned_mps2(platform.vel_ned_mps[2])
-        acc_ned_mps2 = add(push_acc_ned_mps2, (*platform.acc_rover_ned_mps2, 0.0))
+        acc_ned_mps2 = add(push_acc_ned_mps2, platform.acc_rover_ned_mps2)
         vel_ned_mps = add(platform.vel_rover_ned_mps, (0.0, 0.0, PUSH_MPS))
         return self._move(state, vel_ned_mps, acc_ned_mps2)
 
@@ -342,18 +347,20 @@ class RoverLanding:
         (north_mps, east_mps), acc_mps2 = self._control.command(dt_s, platform)
         down_mps += platform.vel_rover_ned_mps[2]
         gradually = platform.height_m > AT_ONCE_BELOW_M
-        return self._fly(state, (north_mps, east_mps, down_mps), acc_mps2, platform.pos_ned_m[:2], gradually=gradually)
+        acc_ned_mps2 = (*acc_mps2, platform.acc_rover_ned_mps2[2])
+        vel_ned_mps = (north_mps, east_mps, down_mps)
+        return self._fly(state, vel_ned_mps, acc_ned_mps2, platform.pos_ned_m[:2], gradually=gradually)
 
     def _keep_height_over(self, state: VehicleState, platform: PlatformState, dt_s: float) -> Move:
         """Follow the platform horizontally; by an estimate that isn't valid the vehicle doesn't move vertically."""
         (north_mps, east_mps), acc_mps2 = self._control.command(dt_s, platform)
-        return self._fly(state, (north_mps, east_mps, 0.0), acc_mps2, platform.pos_ned_m[:2])
+        return self._fly(state, (north_mps, east_mps, 0.0), (*acc_mps2, 0.0), platform.pos_ned_m[:2])
 
     def _fly(
         self,
         state: VehicleState,
         vel_ned_mps: Vec3,
-        acc_mps2: tuple[float, float] | None,
+        acc_ned_mps2: Vec3 | None,
         offset_m: tuple[float, float] | None = None,
         *,
         gradually: bool = False,
@@ -366,7 +373,6 @@ class RoverLanding:
         """
         north_mps, east_mps, down_mps = vel_ned_mps
         down_mps = self._vertical.changed(self._t_ns, down_mps, state.vel_uav_ned_mps[2], gradually=gradually)
-        acc_ned_mps2 = None if acc_mps2 is None else (*acc_mps2, 0.0)
         move = self._move(state, (north_mps, east_mps, down_mps), acc_ned_mps2)
         if offset_m is None:
             return move
