@@ -87,10 +87,14 @@ class EstimatorConfig(Config, frozen=True, kw_only=True):
     Attributes:
         std_time_s: standard deviation of the time stamps of UWB ranges, tags and the rover's heading: 0 in the
             simulation, 0.02 to 0.05 with drivers, which know the times of arrival only.
+        deck_moves: whether the platform heaves like a boat's deck from the start. The estimator finds it out by the
+            rover's roll and pitch, or by the tags; a boat that sends no attitude and is landed on by UWB alone needs
+            `true`.
         tuning: inputs, standard deviations and rate, which can be changed in flight.
         validity: limits of valid measurements and estimates.
     """
 
     std_time_s: Annotated[float, Meta(ge=0.0, le=0.5)] = 0.0
+    deck_moves: bool = False
     tuning: Tuning = Tuning()
     validity: ValidityConfig = ValidityConfig()

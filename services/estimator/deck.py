@@ -1,8 +1,10 @@
 """Finds out whether the rover's platform heaves and tilts, as a boat's deck or a rover on rocks, and how much.
 
 The filter holds a rover that stands still, or drives on even ground, to a vertical speed near 0: so a landing on the
-ground is precise. On a deck this would make UWB and tag contradict the estimate. The monitor compares what measures the
-deck directly, not the filter's estimate of it, and the filter changes its motion model when the deck moves.
+ground is precise. On a deck this would make UWB and tag contradict the estimate. The monitor uses what measures the
+deck directly, not the filter's estimate of it: the rover's IMU, and the height by the tags. (The height by UWB doesn't
+tell: an error that all ranges share changes it as the vehicle moves.) The filter changes its motion model when the deck
+moves.
 """
 
 from collections import deque
@@ -13,12 +15,13 @@ import numpy as np
 from jezero.schemas.estimate import DeckMotion
 from jezero.schemas.units import NS_PER_S
 
-TILT_WINDOW_NS, HEIGHT_WINDOW_NS = 2 * NS_PER_S, NS_PER_S
+TILT_WINDOW_NS = 2 * NS_PER_S
 TILT_CHANGE_MIN_RAD = 0.02
 """The deck moves when its tilt by the rover's IMU changes by this within TILT_WINDOW_NS: four times the IMU's noise."""
-CLIMB_MIN_MPS, CLIMB_SIGMAS = 0.1, 5.0
-"""The deck moves when its height by tag or UWB changes faster than this, and than this number of the speed's standard
-deviations, over HEIGHT_WINDOW_NS."""
+HEIGHT_WINDOW_NS = NS_PER_S
+CLIMB_MIN_MPS, CLIMB_SIGMAS, EXPLAINED_MIN = 0.1, 5.0, 0.95
+"""The deck moves when its height by the tags changes faster than this, and than this number of the speed's standard
+deviations, over the time above, and evenly: the speed explains this share of the heights' variance."""
 SAMPLES_MIN, STD_SAMPLE_MAX_M = 8, 0.15
 STILL_AFTER_NS = 20 * NS_PER_S
 """The deck counts as still after this time without a sign that it moves: longer than the calm between two groups of
@@ -32,12 +35,16 @@ MOTION_WINDOW_NS, MOTION_PERIOD_NS = 30 * NS_PER_S, NS_PER_S // 10
 class DeckMonitor:
     """Watches the deck.
 
+    Args:
+        always: whether the deck moves all the time, whatever is measured.
+
     Attributes:
         moves: whether the deck moves.
     """
 
-    def __init__(self) -> None:
-        self.moves = False
+    def __init__(self, *, always: bool = False) -> None:
+        self._always = always
+        self.moves = always
         self._tilts: deque[tuple[int, float, float]] = deque()
         self._heights: deque[tuple[int, float, float]] = deque()
         self._motion: deque[tuple[int, float, float]] = deque()
@@ -55,10 +62,10 @@ class DeckMonitor:
         if change_rad > TILT_CHANGE_MIN_RAD:
             self._note(t_ns)
         elif t_ns - self._moved_ns > STILL_AFTER_NS:
-            self.moves = False
+            self.moves = self._always
 
     def add_height(self, t_ns: int, down_m: float, std_m: float) -> None:
-        """Add the platform's height as tag or UWB measure it from the vehicle, whose height the autopilot knows.
+        """Add the platform's height as the tags measure it from the vehicle, whose height the autopilot knows.
 
         Args:
             down_m: in the vehicle's world frame, positive down.
@@ -66,19 +73,19 @@ class DeckMonitor:
         """
         if std_m > STD_SAMPLE_MAX_M:
             return
-        _append(self._heights, (t_ns, down_m, std_m), HEIGHT_WINDOW_NS)
-        if len(self._heights) < SAMPLES_MIN:
+        heights = self._heights
+        _append(heights, (t_ns, down_m, std_m), HEIGHT_WINDOW_NS)
+        if len(heights) < SAMPLES_MIN or t_ns - heights[0][0] < 0.6 * HEIGHT_WINDOW_NS:
             return
-        times_ns, downs_m, stds_m = (np.array(column) for column in zip(*self._heights, strict=True))
+        times_ns, downs_m, stds_m = (np.array(column) for column in zip(*heights, strict=True))
         times_s = (times_ns - t_ns) / NS_PER_S
         times_s -= times_s.mean()
+        downs_m -= downs_m.mean()
         spread_s2 = float(times_s @ times_s)
-        if times_ns[-1] - times_ns[0] < HEIGHT_WINDOW_NS // 2:
-            return
         climb_mps = float(times_s @ downs_m) / spread_s2
-        rest_m = downs_m - downs_m.mean() - climb_mps * times_s
-        std_m = max(float(stds_m.mean()), float(rest_m.std()))
-        if abs(climb_mps) > max(CLIMB_MIN_MPS, CLIMB_SIGMAS * std_m / sqrt(spread_s2)):
+        std_climb_mps = float(stds_m.mean()) / sqrt(spread_s2)
+        even = climb_mps**2 * spread_s2 > EXPLAINED_MIN * float(downs_m @ downs_m)
+        if even and abs(climb_mps) > max(CLIMB_MIN_MPS, CLIMB_SIGMAS * std_climb_mps):
             self._note(t_ns)
 
     def add_motion(self, t_ns: int, down_mps: float) -> None:

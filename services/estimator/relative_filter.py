@@ -56,8 +56,6 @@ REJECTED_MEASUREMENTS_MIN = 5
 """Fewer measurements in the window are not enough to decide that an input is rejected."""
 ODOMETRY_KEPT = 32
 """Number of the autopilot's last positions that are kept: more than half a second of them."""
-TAG_SILENT_NS = NS_PER_S // 2
-"""UWB shows the platform's height when no tag has been seen for this time."""
 INPUT_CONFLICT_NS = 3 * NS_PER_S
 """Two inputs contradict each other when the filter was reset to both within this time."""
 
@@ -94,23 +92,27 @@ class FilterEstimate(msgspec.Struct, frozen=True, gc=False):
 class RelativeFilter:
     """Initializes the filter, fuses measurements in order, and resets it to an input that it keeps rejecting.
 
+    Args:
+        deck_moves: whether the platform heaves all the time, see `EstimatorConfig`.
+
     Attributes:
         consistency: what contradicts what, and which input is left out for it.
         deck: whether the platform heaves and tilts, and how much.
     """
 
-    def __init__(self, tuning: Tuning, validity: ValidityConfig, platform: PlatformConfig) -> None:
+    def __init__(
+        self, tuning: Tuning, validity: ValidityConfig, platform: PlatformConfig, *, deck_moves: bool = False
+    ) -> None:
         self._tuning, self._validity = tuning, validity
-        self._kalman = Kalman(MotionModel(tuning))
+        self._heaves = deck_moves
+        self._kalman = Kalman(MotionModel(tuning, heaves=deck_moves))
         self._history: MeasurementHistory | None = None
         self._window = UwbWindow(platform)
         self.consistency = ConsistencyMonitor(platform.height_m)
-        self.deck = DeckMonitor()
-        self._heaves = False
+        self.deck = DeckMonitor(always=deck_moves)
         self._downs_m: deque[tuple[int, float]] = deque(maxlen=ODOMETRY_KEPT)
         """Times and heights of the vehicle by the autopilot, positive down."""
         self._prior: tuple[Array, float] | None = None
-        self._tag_ns = 0
         self._reset_at_ns: dict[Kind, int] = {}
         self._rejected_inputs: tuple[Kind, ...] = ()
 
@@ -159,20 +161,14 @@ class RelativeFilter:
             self.restart(self._prior)
 
     def _watch_deck(self, history: MeasurementHistory, measurements: Sequence[Measurement]) -> None:
-        """Compare the platform's heights by tag and UWB, and change the motion model when the deck begins to move."""
+        """Follow the platform's height by the tags, and change the motion model when the deck begins to move."""
         deck, kalman = self.deck, history.kalman
         for measurement in measurements:
             if isinstance(measurement, OdometryMeasurement):
                 self._downs_m.append((measurement.t_ns, float(measurement.pos_vel[2])))
             elif isinstance(measurement, TagMeasurement):
-                self._tag_ns = measurement.t_ns
                 std_m = sqrt(float(measurement.measurement_cov_m2()[2, 2]))
                 self._add_height(measurement.t_ns, float(measurement.pos_rel_m[2]), std_m)
-            elif isinstance(measurement, UwbMeasurement) and measurement.t_ns - self._tag_ns > TAG_SILENT_NS:
-                vel_rel_mps = kalman.x[VEL_UAV] - kalman.x[VEL_ROVER]
-                found = self._window.position(measurement.t_ns, vel_rel_mps, float(kalman.x[YAW]))
-                if found is not None:
-                    self._add_height(measurement.t_ns, float(found[0][2]), sqrt(float(found[1][2, 2])))
         if deck.moves:
             deck.add_motion(kalman.t_ns, float(kalman.x[CLIMB_ROVER]))
         if deck.moves != self._heaves:

@@ -89,7 +89,7 @@ class Estimator:
         self._config = config
         self._vehicle = vehicle
         self._selection = InputSelection(config.tuning)
-        self._filter = RelativeFilter(config.tuning, config.validity, vehicle.platform)
+        self._filter = RelativeFilter(config.tuning, config.validity, vehicle.platform, deck_moves=config.deck_moves)
         self._attitude = AttitudeHistory(ATTITUDE_AGE_MAX_S)
         self._outlier_filter = RangeOutlierFilter()
         self._rover_check = RoverPlausibilityCheck()

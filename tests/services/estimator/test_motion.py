@@ -10,17 +10,23 @@ from jezero.base.arrays import Array
 from jezero.services.estimator.config import Tuning
 from jezero.services.estimator.kalman import FilterState, Kalman
 from jezero.services.estimator.motion import (
+    HEAVE_DAMPING,
+    HEAVE_RPS,
     PSD_CLIMB_M2PS3,
     PSD_COMPASS_BIAS_R2PS,
+    PSD_HEAVE_M2PS3,
+    PSD_LEVEL_M2PS,
     PSD_TAG_SCALE_PS,
     PSD_UWB_BIAS_M2PS,
     PSD_YAW_ACC_R2PS3,
     SIZE,
     STD_COMPASS_BIAS_RAD,
+    STD_HEAVE_M,
     TAU_ATTITUDE_S,
     TAU_CLIMB_S,
     YAW_RATE,
     MotionModel,
+    heave_acc_mps2,
     initial_state,
 )
 
@@ -68,7 +74,7 @@ def test_the_process_noise_is_the_integral_of_its_densities() -> None:
     density[14:17] = 2.0 * TUNING.std_vel_uav_mps**2 / TUNING.tau_vel_uav_s
     density[17:19] = 2.0 * TUNING.std_tilt_rad**2 / TAU_ATTITUDE_S
     density[19] = 2.0 * TUNING.std_heading_rad**2 / TAU_ATTITUDE_S
-    density[20:] = PSD_UWB_BIAS_M2PS, PSD_TAG_SCALE_PS, PSD_COMPASS_BIAS_R2PS
+    density[20:23] = PSD_UWB_BIAS_M2PS, PSD_TAG_SCALE_PS, PSD_COMPASS_BIAS_R2PS
     blocks = np.block([[-drift, np.diag(density)], [np.zeros((SIZE, SIZE)), drift.T]])
     solved = expm(blocks * dt_s)
     expected = solved[SIZE:, SIZE:].T @ solved[:SIZE, SIZE:]
@@ -77,11 +83,41 @@ def test_the_process_noise_is_the_integral_of_its_densities() -> None:
 
 def test_the_first_state_is_at_the_vehicle_and_knows_what_it_does_not_know() -> None:
     x, P = initial_state(np.array((1.0, 2.0, 3.0)), TUNING)
-    assert x == pytest.approx(np.array((1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0, 2.0, 3.0, *(0.0,) * 14)))
+    assert x == pytest.approx(np.array((1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0, 2.0, 3.0, *(0.0,) * 14, 3.0)))
     stds = [1.0] * 3 + [10.0] * 3 + [1e3] * 3 + [2.0] * 3 + [4.0, 1.0] + [TUNING.std_vel_uav_mps] * 3
     stds += [TUNING.std_tilt_rad, TUNING.std_tilt_rad, TUNING.std_heading_rad]
-    stds += [TUNING.std_uwb_bias_m, TUNING.std_tag_scale, STD_COMPASS_BIAS_RAD]
+    stds += [TUNING.std_uwb_bias_m, TUNING.std_tag_scale, STD_COMPASS_BIAS_RAD, 1e3]
     assert pytest.approx(np.diag(np.square(stds))) == P
+
+
+@pytest.mark.parametrize("dt_s", [0.02, 0.5])
+def test_a_heaving_platform_is_a_damped_oscillator_about_its_mean_height(dt_s: float) -> None:
+    """Compared with the matrix exponential of the differential equation."""
+    x, _ = a_state(8)
+    drift = np.zeros((3, 3))  # height, vertical speed, mean height
+    drift[0, 1] = 1.0
+    drift[1] = -(HEAVE_RPS**2), -2.0 * HEAVE_DAMPING * HEAVE_RPS, HEAVE_RPS**2
+    states = [8, 11, 23]
+    after, F, Q = MotionModel(TUNING, heaves=True).step(x, dt_s)
+    assert after[states] == pytest.approx(expm(drift * dt_s) @ x[states])
+    assert F[np.ix_(states, states)] == pytest.approx(expm(drift * dt_s))
+    assert heave_acc_mps2(x) == pytest.approx((drift @ x[states])[1])
+    still = MODEL.step(x, dt_s)
+    others = np.setdiff1d(np.arange(SIZE), states)
+    assert after[others] == pytest.approx(still[0][others])
+    assert Q[11, 11] == pytest.approx(PSD_HEAVE_M2PS3 * dt_s) and Q[23, 23] == pytest.approx(PSD_LEVEL_M2PS * dt_s)
+
+
+def test_the_heave_of_a_deck_that_is_not_measured_has_its_standard_deviation_and_no_more() -> None:
+    kalman = Kalman(MotionModel(TUNING, heaves=True))
+    x, P = initial_state(np.zeros(3), TUNING)
+    P[6:9] = P[:, 6:9] = P[23] = P[:, 23] = 0.0
+    kalman.restore(FilterState(0, x, P))
+    for step in range(1, 3000):
+        kalman.predict_to(step * 20_000_000)
+    below_level = np.zeros(SIZE)
+    below_level[8], below_level[23] = 1.0, -1.0
+    assert float(below_level @ kalman.P @ below_level) ** 0.5 == pytest.approx(STD_HEAVE_M, rel=0.1)
 
 
 def a_kalman(seed: int) -> Kalman:
@@ -117,11 +153,14 @@ def test_a_reset_rover_position_is_the_vehicles_minus_the_measured_one_with_the_
     kalman.reset_rover_position(measured, cov, jacobian)
 
     def reset(state: Array) -> Array:
-        return np.concatenate((state[:6], state[:3] - measured + jacobian @ state, state[9:]))
+        rover_m = state[:3] - measured + jacobian @ state
+        return np.concatenate((state[:6], rover_m, state[9:23], rover_m[2:]))
 
     T = np.array([reset(each) - reset(np.zeros(SIZE)) for each in np.eye(SIZE)]).T
     expected = T @ P @ T.T
     expected[6:9, 6:9] += cov
+    expected[8, 23] = expected[23, 8] = expected[8, 8]
+    expected[23, 23] = expected[8, 8] + STD_HEAVE_M**2
     assert kalman.x == pytest.approx(reset(x))
     assert pytest.approx(expected, abs=1e-9) == kalman.P
 
