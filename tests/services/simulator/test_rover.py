@@ -1,13 +1,16 @@
 """The rover: its wheels follow commands, its platform is level, tilted, or leans with the ground below it."""
 
-from math import cos, degrees, radians, sin
+from itertools import pairwise
+from math import cos, degrees, hypot, radians, sin
 
+import numpy as np
 import pytest
 
-from jezero.base.frames import Vec3, euler_from_quat, quat_rotate, tilt_from_quat
+from jezero.base.frames import Vec3, euler_from_quat, quat_rotate, scale, subtract, tilt_from_quat
 from jezero.schemas.commands import RoverCommand
-from jezero.services.simulator.config import RoverConfig, TerrainConfig
+from jezero.services.simulator.config import RoverConfig, SeaConfig, TerrainConfig
 from jezero.services.simulator.rover import Drive, RoverModel
+from jezero.services.simulator.sea import make_sea
 from jezero.services.simulator.terrain import Terrain, make_terrain
 
 HILLSIDE = make_terrain(TerrainConfig(slope_deg=10.0, slope_towards_deg=0.0, std_ground_m=0.0, craters=0, rocks=0))
@@ -49,6 +52,47 @@ def test_a_rover_that_drives_over_an_edge_of_the_slope_turns_as_fast_as_its_atti
         turned_rad += driven.drive(1.0, 0.0, 0.004).rates_ned_rps[1] * 0.004
     after = euler_from_quat(driven.state.q_ned_from_rover_body)[1]
     assert turned_rad == pytest.approx(after - before, abs=2e-3)
+
+
+def test_a_wheel_stands_on_the_highest_of_ground_and_rocks() -> None:
+    rocky = make_terrain(TerrainConfig(std_ground_m=0.0, craters=0, rocks=1))
+    middle_ned_m = rocky.rock_vertices_ned_m.mean(axis=0)
+    radius_m = float(np.linalg.norm(rocky.rock_vertices_ned_m - middle_ned_m, axis=1).mean())
+    north_m, east_m, down_m = middle_ned_m
+    assert rocky.height_of_wheel_m(north_m, east_m, 0.1) == pytest.approx(radius_m - down_m)
+    beside_m = radius_m + 0.05
+    lower_m = rocky.height_of_wheel_m(north_m + beside_m, east_m, 0.1)
+    assert lower_m == pytest.approx(max(0.0, ((radius_m + 0.1) ** 2 - beside_m**2) ** 0.5 - 0.1 - down_m))
+    assert rocky.height_of_wheel_m(north_m + radius_m + 0.2, east_m, 0.1) == rocky.height_m(north_m, east_m)
+
+
+def test_a_rover_that_drives_over_rocks_heaves_and_leans_and_is_level_behind_them() -> None:
+    rocky = make_terrain(TerrainConfig(std_ground_m=0.0, craters=0, rocks=1, radius_rock_min_m=0.2))
+    north_m, east_m, _ = rocky.rock_vertices_ned_m.mean(axis=0).tolist()
+    driven = rover(rocky, tilts_with_ground=True, start_north_m=north_m - 2.0, start_east_m=east_m - 0.35)
+    tilts_rad, heights_m, climbs_mps = [], [], []
+    for _ in range(1000):
+        state = driven.drive(1.0, 0.0, 0.004)
+        tilts_rad.append(tilt_from_quat(state.q_ned_from_rover_body))
+        heights_m.append(-state.pos_ned_m[2])
+        climbs_mps.append(-state.vel_ned_mps[2])
+    assert degrees(max(tilts_rad)) > 5.0 and max(heights_m) > 0.53
+    assert tilts_rad[-1] == 0.0 and heights_m[-1] == pytest.approx(0.5)
+    assert sum(climbs_mps) * 0.004 == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_rover_on_waves_heaves_and_rolls_though_nobody_drives_it() -> None:
+    config = RoverConfig(start_north_m=0.0, start_east_m=0.0, sea=SeaConfig(wave_height_m=0.5))
+    afloat = RoverModel(config, HILLSIDE, 0.5, make_sea(config.sea, 1, 9.81))
+    assert afloat.moves_by_itself and not rover().moves_by_itself
+    states = [afloat.drive(0.0, 0.0, 0.004) for _ in range(5000)]
+    heights_m = [-state.pos_ned_m[2] for state in states]
+    assert max(heights_m) - min(heights_m) > 0.2
+    sideways_m = max(hypot(*state.pos_ned_m[:2]) for state in states)
+    assert 0.01 < sideways_m < 0.1  # the platform is half a metre above the point that it turns about
+    for one, other in pairwise(states[:100]):
+        moved_mps = scale(subtract(other.pos_ned_m, one.pos_ned_m), 250.0)
+        assert other.vel_ned_mps == pytest.approx(moved_mps)
 
 
 # -- wheels ----------------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ import pytest
 
 from jezero.base.frames import Quat
 from jezero.base.vehicle_config import AirframeConfig, PlatformConfig, VehicleConfig
+from jezero.schemas.estimate import DeckMotion
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.land_on_spot.contact import (
     LEAN_S,
@@ -153,3 +154,32 @@ def test_a_vehicle_that_rests_beside_the_platform_has_not_touched_down_on_it(off
     for step in range(200):
         found.append(detector.update(step * 20_000_000, at_rest, None))
     assert found[-1] is touched_down and not found[0]
+
+
+def deck_motion(**fields: float) -> DeckMotion:
+    still = dict.fromkeys(DeckMotion.__struct_fields__, 0.0)
+    return DeckMotion(**{**still, "observed_s": 30.0, **fields})
+
+
+@pytest.mark.parametrize(
+    ("sinks_mps", "height_m", "range_m", "held"),
+    [
+        (0.0, 0.1, None, True),
+        (0.0, 0.4, None, False),
+        (0.0, 0.1, 0.5, False),
+        (0.5, 0.1, None, False),
+    ],
+    ids=["held", "too high", "the altimeter sees a gap", "it sinks"],
+)
+def test_a_heaving_deck_holds_a_vehicle_that_does_not_sink_though_it_is_pushed_down(
+    sinks_mps: float, height_m: float, range_m: float | None, held: bool
+) -> None:
+    """Its height and speed over the platform are too uncertain, as by UWB close to the anchors."""
+    uncertain = PlatformState((0.0, 0.0, -height_m), (0.0, 0.0, 0.4), (0.0, 0.0, 0.0), 0.0, std_height_m=0.3)
+    detector, found = TouchdownDetector(VehicleConfig()), []
+    for step in range(300):
+        t_s = 0.02 * step
+        down_m = 0.25 * sin(1.25 * t_s) + sinks_mps * t_s
+        found.append(detector.update(step * 20_000_000, uncertain, range_m, deck_motion(), down_m))
+    assert any(found) is held
+    assert not any(found[:180])

@@ -1,11 +1,20 @@
 """What holds a descent back over the platform, and which estimates a landing comes nearer by."""
 
+import re
+
 import pytest
 
 from jezero.base.frames import Vec3
-from jezero.schemas.estimate import Relative
-from jezero.services.actions.land_on_spot.config import PlatformControlConfig, RoverLandingConfig
-from jezero.services.actions.land_on_spot.platform import Descent, PlatformControl, PlatformState, PlatformTracking
+from jezero.schemas.estimate import DeckMotion, Relative
+from jezero.services.actions.land_on_spot.config import DeckConfig, PlatformControlConfig, RoverLandingConfig
+from jezero.services.actions.land_on_spot.platform import (
+    CalmMoment,
+    Descent,
+    PlatformControl,
+    PlatformState,
+    PlatformTracking,
+    deck_refusal,
+)
 from jezero.services.actions.motion.behaviour import VehicleState
 
 S = 1_000_000_000
@@ -152,3 +161,73 @@ def test_the_integral_grows_near_the_middle_stays_on_the_way_and_is_left_behind_
     assert north_mps**2 + east_mps**2 == pytest.approx(0.09) and north_mps < 0.0 < east_mps
     control.command(1.0, at(3.6, 0.0))
     assert integral_mps() == (0.0, 0.0)
+
+
+# -- a platform that heaves ------------------------------------------------------------------------------
+
+
+def deck_motion(**fields: float) -> DeckMotion:
+    still = dict.fromkeys(DeckMotion.__struct_fields__, 0.0)
+    return DeckMotion(**{**still, "observed_s": 30.0, **fields})
+
+
+@pytest.mark.parametrize(
+    ("climb_down_mps", "motion", "calm"),
+    [
+        (0.0, {}, True),
+        (0.25, {}, True),
+        (-0.35, {}, False),
+        (0.25, {"acc_down_mps2": 0.2}, False),
+        (-0.4, {"acc_down_mps2": 0.2}, True),
+        (0.0, {"roll_rad": 0.05}, True),
+        (0.0, {"pitch_rad": -0.07}, False),
+        (0.0, {"roll_rad": 0.08, "roll_rate_rps": -0.05}, True),
+        (0.0, {"roll_rad": 0.05, "roll_rate_rps": 0.05}, False),
+    ],
+)
+def test_a_moment_is_calm_in_which_the_deck_will_be_slow_and_level_at_the_touchdown(
+    climb_down_mps: float, motion: dict[str, float], calm: bool
+) -> None:
+    """The touchdown is in one second; 0.3 m/s and 0.06 rad are permitted."""
+    assert CalmMoment(DeckConfig()).is_calm(0.02, deck_motion(**motion), climb_down_mps, 1.0) is calm
+
+
+def test_a_vehicle_that_waits_for_a_calm_moment_takes_a_worse_one_later() -> None:
+    moment, deck = CalmMoment(DeckConfig(climb_calm_mps=0.3, widening_s=6.0)), deck_motion()
+    waited_s = 0.0
+    while not moment.is_calm(0.1, deck, 0.6, 1.0):
+        waited_s += 0.1
+    assert waited_s == pytest.approx(6.0, abs=0.2)
+
+
+def test_over_a_deck_that_is_not_calm_the_vehicle_waits_low_but_goes_on_from_where_it_would_touch() -> None:
+    rough = deck_motion(pitch_rad=0.1)
+    descent = Descent(CONFIG, room_m=0.4)
+
+    def down_mps(height_m: float) -> float:
+        return descent.down_mps(S, over_platform(height_m)._replace(deck=rough))
+
+    assert [down_mps(1.0), down_mps(0.39), down_mps(0.09)] == pytest.approx([0.6, 0.0, 0.35])
+
+
+@pytest.mark.parametrize(
+    ("motion", "words"),
+    [
+        ({"climb_significant_mps": 0.99, "tilt_significant_rad": 0.19}, ""),
+        ({"climb_significant_mps": 1.2}, "heaves with 1.20 m/s and tilts by 0 degrees .* limited to 1 m/s"),
+        ({"tilt_significant_rad": 0.3}, "tilts by 17 degrees .* limited to 11 degrees"),
+        ({"climb_significant_mps": 1.2, "observed_s": 7.0}, ""),
+    ],
+)
+def test_a_deck_beyond_its_limits_is_refused_with_its_figures_once_it_has_been_observed(
+    motion: dict[str, float], words: str
+) -> None:
+    refusal = deck_refusal(deck_motion(**motion), DeckConfig())
+    assert re.search(words, refusal) if words else refusal == ""
+    assert deck_refusal(None, DeckConfig()) == ""
+
+
+def test_a_descent_to_a_deck_begins_when_it_has_been_observed() -> None:
+    descent, low = Descent(CONFIG, room_m=0.4), over_platform(2.0)
+    assert descent.may_begin(low._replace(deck=deck_motion()))
+    assert not descent.may_begin(low._replace(deck=deck_motion(observed_s=7.9)))

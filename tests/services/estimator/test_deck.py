@@ -1,0 +1,121 @@
+"""What shows that the platform heaves: its tilt by the rover's IMU, and its height by the tags."""
+
+from math import cos, pi, sin
+
+import numpy as np
+import pytest
+
+from jezero.base.vehicle_config import PlatformConfig
+from jezero.services.estimator.config import Tuning, ValidityConfig
+from jezero.services.estimator.deck import STILL_AFTER_NS, DeckMonitor
+from jezero.services.estimator.measurements import (
+    Measurement,
+    OdometryMeasurement,
+    RoverOdometryMeasurement,
+    TagMeasurement,
+)
+from jezero.services.estimator.relative_filter import RelativeFilter
+from tests.services.estimator.test_filter import MS, POS_ROVER_M
+
+S = 1_000_000_000
+NOISE = np.random.default_rng(1).normal(size=(2000, 3))
+
+
+def watched(seconds: float, *, tilt_rad: float = 0.0, heave_m: float = 0.0, drift_mps: float = 0.0) -> DeckMonitor:
+    """A monitor after some seconds of waves of 5 s, with the noise of IMU and tags."""
+    deck = DeckMonitor()
+    for step in range(int(seconds * 25)):
+        t_s = step / 25
+        wave = sin(2.0 * pi * t_s / 5.0)
+        roll_noise, pitch_noise, height_noise = NOISE[step]
+        deck.add_tilt(step * 40 * MS, tilt_rad * wave + 0.002 * roll_noise, 0.002 * pitch_noise)
+        deck.add_height(step * 40 * MS, heave_m * wave + drift_mps * t_s + 0.02 * height_noise, 0.02)
+    return deck
+
+
+def test_a_deck_that_stands_still_does_not_move_by_noise_and_by_the_drift_of_the_autopilots_height() -> None:
+    assert not watched(60.0).moves
+    assert not watched(60.0, drift_mps=0.08).moves
+
+
+@pytest.mark.parametrize("motion", [{"tilt_rad": 0.03}, {"heave_m": 0.2}])
+def test_a_deck_moves_that_tilts_or_heaves(motion: dict[str, float]) -> None:
+    assert watched(2.5, **motion).moves
+
+
+def test_a_height_that_jumps_is_not_that_of_a_deck() -> None:
+    deck = DeckMonitor()
+    for step in range(50):
+        deck.add_height(step * 40 * MS, 0.5 * (step > 25), 0.02)
+        assert not deck.moves
+
+
+def test_it_counts_as_still_again_some_time_after_the_last_sign() -> None:
+    deck = watched(3.0, tilt_rad=0.03)
+    for ms in range(3000, 3000 + STILL_AFTER_NS // MS, 40):
+        deck.add_tilt(ms * MS, 0.0, 0.0)
+    assert deck.moves
+    for ms in range(3000 + STILL_AFTER_NS // MS, 6000 + STILL_AFTER_NS // MS, 40):
+        deck.add_tilt(ms * MS, 0.0, 0.0)
+    assert not deck.moves
+
+
+def test_its_motion_is_told_as_two_standard_deviations_and_the_newest_tilt_with_its_rates() -> None:
+    deck = DeckMonitor()
+    for step in range(1000):
+        t_s = step / 25
+        angle_rad = 2.0 * pi * t_s / 5.0
+        deck.add_tilt(step * 40 * MS, 0.05 * sin(angle_rad), -0.02 * sin(angle_rad))
+        deck.add_motion(step * 40 * MS, 0.4 * cos(angle_rad))
+    motion = deck.motion(-0.3)
+    assert motion is not None
+    assert motion.acc_down_mps2 == -0.3
+    assert motion.climb_significant_mps == pytest.approx(2.0 * 0.4 / 2.0**0.5, rel=0.02)
+    assert motion.tilt_significant_rad == pytest.approx(2.0 * 0.05385 / 2.0**0.5, rel=0.02)
+    assert motion.observed_s == pytest.approx(30.0, abs=0.2)
+    angle_rad = 2.0 * pi * (999 / 25) / 5.0
+    assert motion.roll_rad == pytest.approx(0.05 * sin(angle_rad))
+    assert motion.roll_rate_rps == pytest.approx(0.05 * 2.0 * pi / 5.0 * cos(angle_rad - 0.18), abs=0.003)
+    assert motion.pitch_rate_rps == pytest.approx(-0.4 * motion.roll_rate_rps)
+    assert DeckMonitor().motion(0.0) is None
+
+
+def heaving_m(t_s: float) -> tuple[float, float]:
+    """Height and vertical speed of a deck in two waves, positive down; the settings' period is a third one."""
+    one_rps, other_rps = 2.0 * pi / 4.5, 2.0 * pi / 7.0
+    return (
+        0.2 * sin(one_rps * t_s) + 0.1 * sin(other_rps * t_s + 1.0),
+        0.2 * one_rps * cos(one_rps * t_s) + 0.1 * other_rps * cos(other_rps * t_s + 1.0),
+    )
+
+
+@pytest.mark.parametrize("knows_tilt", [True, False], ids=["with the rover's IMU", "by the tags alone"])
+def test_the_filter_follows_a_deck_that_heaves_and_nothing_contradicts_it(knows_tilt: bool) -> None:
+    rng = np.random.default_rng(2)
+    relative = RelativeFilter(Tuning(std_tag_scale=0.001), ValidityConfig(), PlatformConfig())
+    errors = []
+    for ms in range(0, 30_000, 20):
+        t_ns, t_s = ms * MS, ms / 1000
+        height_m, speed_mps = heaving_m(t_s)
+        deck_m = POS_ROVER_M + np.array((0.0, 0.0, height_m))
+        hover_m = POS_ROVER_M + np.array((0.1, 0.0, -3.0))
+        measurements: list[Measurement] = [OdometryMeasurement(t_ns, np.concatenate((hover_m, np.zeros(3))))]
+        if ms % 40 == 0:
+            if knows_tilt:
+                relative.deck.add_tilt(t_ns, 0.05 * sin(t_s), 0.0)
+            measurements.append(
+                RoverOdometryMeasurement(t_ns, 0.0, 0.0, 0.0, 0.03, 0.03, 0.01, heaves=relative.deck.moves)
+            )
+        if ms % 60 == 0:
+            arm_m = hover_m - deck_m + rng.normal(0.0, 0.01, 3)
+            measurements.append(TagMeasurement(t_ns, arm_m, arm_m, 1e-4 * np.eye(3), 0.0, None, 1.0))
+        relative.add(measurements)
+        estimate = relative.estimate
+        assert estimate is not None and relative.consistency.left_out == ""
+        if t_s > 8.0:
+            errors.append((estimate.pos_rel_m[2] - (hover_m - deck_m)[2], estimate.vel_rover_mps[2] - speed_mps))
+    std_m, std_mps = np.std(np.array(errors), axis=0)
+    assert std_m < 0.02
+    assert std_mps < 0.1
+    motion = relative.deck.motion(0.0)
+    assert motion is not None and motion.climb_significant_mps == pytest.approx(0.42, abs=0.08)
