@@ -30,6 +30,8 @@ TILT_RATE_NS = 3 * NS_PER_S // 10
 """The rates of roll and pitch are measured over this time."""
 MOTION_WINDOW_NS, MOTION_PERIOD_NS = 30 * NS_PER_S, NS_PER_S // 10
 """What the deck did within this time says what it may do next."""
+STD_CLIMB_MAX_MPS = 0.3
+"""The motion counts as observed while its vertical speed is known to this."""
 
 
 class DeckMonitor:
@@ -88,8 +90,10 @@ class DeckMonitor:
         if even and abs(climb_mps) > max(CLIMB_MIN_MPS, CLIMB_SIGMAS * std_climb_mps):
             self._note(t_ns)
 
-    def add_motion(self, t_ns: int, down_mps: float) -> None:
-        """Add the filter's estimate of the deck's vertical speed, positive down."""
+    def add_motion(self, t_ns: int, down_mps: float, std_mps: float) -> None:
+        """Add the filter's estimate of the deck's vertical speed, positive down, and its standard deviation."""
+        if std_mps > STD_CLIMB_MAX_MPS:
+            return
         if not self._motion or t_ns - self._motion[-1][0] >= MOTION_PERIOD_NS:
             _, roll_rad, pitch_rad = self._tilts[-1] if self._tilts else (0, 0.0, 0.0)
             _append(self._motion, (t_ns, down_mps, hypot(roll_rad, pitch_rad)), MOTION_WINDOW_NS)

@@ -170,7 +170,8 @@ class RelativeFilter:
                 std_m = sqrt(float(measurement.measurement_cov_m2()[2, 2]))
                 self._add_height(measurement.t_ns, float(measurement.pos_rel_m[2]), std_m)
         if deck.moves:
-            deck.add_motion(kalman.t_ns, float(kalman.x[CLIMB_ROVER]))
+            std_mps = sqrt(max(float(kalman.P[CLIMB_ROVER, CLIMB_ROVER]), 0.0))
+            deck.add_motion(kalman.t_ns, float(kalman.x[CLIMB_ROVER]), std_mps)
         if deck.moves != self._heaves:
             self._heaves = deck.moves
             self.set_tuning(self._tuning)

@@ -48,6 +48,8 @@ class TerrainConfig(Config, frozen=True, kw_only=True):
         seed: seed of the shape; simulator and camera make the same ground from it.
         slope_deg: slope of the hillside on which the vehicle starts; it ends 15 m away and returns to level ground.
         slope_towards_deg: direction in which the hillside descends, clockwise from north.
+        water_depth_m: depth of the water on which the rover floats; 0 for dry land. The water's level is the map's 0,
+            and the ground lies below it but for a pier of one metre around the origin.
         std_ground_m: standard deviation of the fractal part, before the limits on height and slope scale it down.
         craters: number of craters.
         radius_crater_min_m: smallest radius of a crater.
@@ -61,6 +63,7 @@ class TerrainConfig(Config, frozen=True, kw_only=True):
     seed: Annotated[int, Meta(ge=0)] = 1
     slope_deg: Annotated[float, Meta(ge=0.0, le=15.0)] = 0.0
     slope_towards_deg: Annotated[float, Meta(ge=-360.0, le=360.0)] = 0.0
+    water_depth_m: Annotated[float, Meta(ge=0.0, le=20.0)] = 0.0
     std_ground_m: NonNegative = 0.25
     craters: Annotated[int, Meta(ge=0, le=200)] = 14
     radius_crater_min_m: Positive = 3.0
@@ -114,7 +117,7 @@ class UavConfig(Config, frozen=True, kw_only=True):
 
 
 class SeaConfig(Config, frozen=True, kw_only=True):
-    """Waves that move the rover like a boat, see `sea`.
+    """Waves that move the rover like a boat, see `sea`. They need water that is as deep as they are high.
 
     Attributes:
         wave_height_m: significant height of the deck's heave: the mean of the highest third, from trough to crest,
@@ -390,3 +393,11 @@ class SimulatorConfig(Config, frozen=True, kw_only=True):
     altimeter: AltimeterConfig = AltimeterConfig()
     uwb: UwbConfig = UwbConfig()
     rover_odometry: RoverOdometryConfig = RoverOdometryConfig()
+
+    def __post_init__(self) -> None:
+        waves_m, depth_m = self.rover.sea.wave_height_m, self.terrain.water_depth_m
+        if waves_m > depth_m:
+            raise ValueError(
+                f"waves of {waves_m:g} m (wave_height_m in [rover.sea]) need water as deep, and it is {depth_m:g} m "
+                "deep: set water_depth_m in [terrain]"
+            )

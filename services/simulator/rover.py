@@ -69,11 +69,11 @@ class Drive:
 class RoverModel:
     """Turns speed and yaw rate into the platform's pose; stands still unless driven or moved by waves.
 
-    A rover that leans or heaves turns about the point of the ground below the middle of its platform.
+    A rover that leans turns about the point of the ground, or of the water, below the middle of its platform.
 
     Args:
         height_platform_m: height of the platform's surface over the ground.
-        sea: the waves under the rover; None for none.
+        sea: the waves on which the rover floats; None for a rover on the ground.
     """
 
     def __init__(self, config: RoverConfig, terrain: Terrain, height_platform_m: float, sea: Sea | None = None) -> None:
@@ -125,17 +125,13 @@ class RoverModel:
     def _pose(self, yaw_rad: float) -> tuple[Vec3, Quat]:
         """Position of the platform's middle and attitude of the platform, with its own tilt on the rover."""
         north_m, east_m = self._ground_m
-        if self._tilts_with_ground:
+        roll_rad = pitch_rad = 0.0
+        if self._sea is not None:
+            height_m, roll_rad, pitch_rad = self._sea.motion(self._t_s, north_m, east_m, yaw_rad)
+        elif self._tilts_with_ground:
             height_m, roll_rad, pitch_rad = self._on_wheels(north_m, east_m, yaw_rad)
         else:
-            height_m, roll_rad, pitch_rad = self._terrain.height_m(north_m, east_m), 0.0, 0.0
-        if self._sea is not None:
-            waves = self._sea.motion(self._t_s, north_m, east_m, yaw_rad)
-            height_m, roll_rad, pitch_rad = (
-                height_m + waves.heave_m,
-                roll_rad + waves.roll_rad,
-                pitch_rad + waves.pitch_rad,
-            )
+            height_m = self._terrain.height_m(north_m, east_m)
         q_ned_from_rover = quat_from_euler(roll_rad, pitch_rad, yaw_rad)
         platform_ned_m = quat_rotate(q_ned_from_rover, (0.0, 0.0, -self._height_platform_m))
         pos_ned_m = add((north_m, east_m, -height_m), platform_ned_m)

@@ -25,11 +25,10 @@ SPREAD_RAD = radians(25.0)
 
 
 class DeckMotion(NamedTuple):
-    """What the waves add to the pose of a level rover.
+    """What the waves do to a rover that floats.
 
     Attributes:
-        heave_m: how much the waves lift the rover, positive up. Its mean is the height of the waves, so that the deck
-            stays above the ground in the troughs.
+        heave_m: height of the water at the rover over its level, positive up.
         roll_rad: angle about the rover's forward axis.
         pitch_rad: angle about the rover's right axis.
     """
@@ -58,7 +57,6 @@ class Sea:
     """
 
     def __init__(self, config: SeaConfig, rng: np.random.Generator, gravity_mps2: float) -> None:
-        self._height_m = config.wave_height_m
         self._waves = _draw_waves(config, rng, gravity_mps2)
 
     def motion(self, t_s: float, north_m: float, east_m: float, yaw_rad: float) -> DeckMotion:
@@ -67,8 +65,7 @@ class Sea:
         Args:
             yaw_rad: heading of the rover, clockwise from north.
         """
-        heave_m = self._height_m
-        tilt_north_rad = tilt_east_rad = 0.0
+        heave_m = tilt_north_rad = tilt_east_rad = 0.0
         for wave in self._waves:
             along_m = wave.north * north_m + wave.east * east_m
             angle_rad = wave.omega_rps * t_s - wave.number_1pm * along_m + wave.phase_rad

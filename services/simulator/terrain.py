@@ -30,6 +30,7 @@ LEVEL_BLEND_M = 6.0
 EDGE_BLEND_M = 12.0
 CLEAR_OF_ROCKS_M = 8.0
 HILLSIDE_HALF_M = 15.0
+PIER_RADIUS_M = 1.0
 WAVELENGTH_MAX_M = 60.0
 
 _G = 0.5 * (1.0 + sqrt(5.0))
@@ -120,6 +121,7 @@ def make_terrain(config: TerrainConfig) -> Terrain:
         SLOPE_MAX / max(steepest(heights_m), 1e-9),
     )
     heights_m += _hillside(config, north_m, east_m, to_edge_m)
+    heights_m -= np.where(distance_m > PIER_RADIUS_M, config.water_depth_m, 0.0)
     bare = Terrain(heights_m, np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))
     rocks = [_rock(rng, config, bare) for _ in range(config.rocks)]
     if not rocks:

@@ -202,6 +202,7 @@ def simulator_config(trial: Trial) -> SimulatorConfig:
         wind=WindConfig(
             mean_mps=conditions.wind_mps, from_deg=trial.wind_from_deg, std_gust_mps=conditions.std_gust_mps
         ),
+        terrain=replace(shipped.terrain, water_depth_m=0.0 if conditions.sea is None else conditions.sea[0]),
         rover=replace(
             shipped.rover,
             start_north_m=north_m,

@@ -66,7 +66,8 @@ def test_its_motion_is_told_as_two_standard_deviations_and_the_newest_tilt_with_
         t_s = step / 25
         angle_rad = 2.0 * pi * t_s / 5.0
         deck.add_tilt(step * 40 * MS, 0.05 * sin(angle_rad), -0.02 * sin(angle_rad))
-        deck.add_motion(step * 40 * MS, 0.4 * cos(angle_rad))
+        deck.add_motion(step * 40 * MS, 0.4 * cos(angle_rad), 0.1)
+        deck.add_motion(step * 40 * MS + 20 * MS, 9.0, 0.4)  # not known well enough to count
     motion = deck.motion(-0.3)
     assert motion is not None
     assert motion.acc_down_mps2 == -0.3
