@@ -14,6 +14,7 @@ from jezero.base.frames import (
     q_enu_from_flu,
     q_frd_from_camera,
     quat_conjugate,
+    quat_from_euler,
     quat_multiply,
     quat_rotate,
     rotate_yaw,
@@ -277,7 +278,8 @@ def relative_pose(m: Relative, context: Context) -> RosMessage | None:
 def rover_odometry(m: RoverOdometry, context: Context) -> RosMessage:
     north_m, east_m = m.pos_odom_m
     moving = twist((m.speed_rover_body_mps, 0.0, 0.0), (0.0, 0.0, -m.yaw_rate_rover_rps))
-    at = pose((east_m, north_m, 0.0), q_enu_from_heading(m.yaw_rover_rad))
+    attitude = q_enu_from_flu(quat_from_euler(m.roll_rover_rad, m.pitch_rover_rad, m.yaw_rover_rad))
+    at = pose((east_m, north_m, 0.0), attitude)
     fields = {
         "header": header(m.t_ns, context.frame("rover_odom")),
         "child_frame_id": context.frame("rover"),

@@ -7,6 +7,7 @@ from jezero.schemas.estimate import SetParameters
 from jezero.schemas.topics import ACTIONS
 from jezero.services.ros2_bridge import geometry
 from jezero.services.ros2_bridge.fields import AS_JSON, LEFT_OUT, RULES, Rule, interface_name, ros_fields
+from jezero.services.ros2_bridge.inputs import INPUTS
 from jezero.services.ros2_bridge.rows import ROWS, SERVICES
 
 OPENING = """# Topics, frames, actions and services in ROS 2
@@ -79,6 +80,16 @@ orientation's heading is that at the target; a quaternion of zeros keeps the hea
 flight to the last one changes its target. There is no `cmd_vel` for the vehicle, as jezero flies goals and no
 velocities."""
 
+EXACT_TEXT = """Topics below `jezero/` carry whole messages of jezero, with its names, axes and units: nothing is lost.
+Their types are in the package `jezero_interfaces`; a bridge whose environment lacks it leaves them out."""
+BAGS_TEXT = """## Topics that are read from a bag
+
+`jezero recording import` makes a recording of a rosbag2 by running the estimator on these topics. Of several that are
+made into one topic of jezero it takes the first in this table that the bag has; `--topic ROS=JEZERO` names others. The
+estimator can't do without odometry of vehicle and rover, and UWB ranges or positions by the tags. Whole messages give
+the very estimates of the flight. Messages of ROS in 64 bits change them by rounding only, but have no epoch and no
+resets; a range in 32 bits is rounded to a ten-millionth of its value."""
+
 
 def page() -> str:
     """The page."""
@@ -92,11 +103,22 @@ def page() -> str:
     axes = (geometry.__doc__ or "").partition("\n\n")[2].strip()
     services = [{"service": f"`{each.name}`", "type": f"`{each.type}`", "effect": each.about} for each in SERVICES]
     parts = (
-        *(OPENING, table(rows), "## Frames", table(frames), "## Axes", axes),
+        *(OPENING, table(rows), EXACT_TEXT, "## Frames", table(frames), "## Axes", axes),
         *(ACTIONS_TEXT, table(_actions()), RULES_TEXT, table([_rule_row(rule) for rule in (*RULES, AS_JSON)])),
         *("## Services", table(services), PARAMETERS_TEXT, table(_parameters()), SUBSCRIBED_TEXT),
+        *(BAGS_TEXT, table(_inputs())),
     )
     return "\n\n".join(parts) + "\n"
+
+
+def _inputs() -> list[dict[str, str]]:
+    names = ("topic in the bag", "type", "jezero's topic or request", "content")
+    return [
+        dict(
+            zip(names, (f"`{i.name}`" if i.name else "any", f"`{i.type}`", f"`{i.source.name}`", i.about), strict=True)
+        )
+        for i in INPUTS
+    ]
 
 
 def _actions() -> list[dict[str, str]]:
