@@ -90,6 +90,8 @@ class Bridge:
         self._rows: dict[str, list[RosTopic]] = {}
         self._images: Subscription[Any] | None = None
         self._planned = ""
+        self._missing: set[str] = set()
+        """Packages of types that the environment lacks."""
         for row in ROWS:
             if self._publisher(row.name, row.type, row.quality) is not None:
                 self._rows.setdefault(row.source.name, []).append(row)
@@ -114,7 +116,9 @@ class Bridge:
             try:
                 made = self._node.create_publisher(message_class(kind), name, quality_of(quality))
             except MissingTypesError as error:
-                self._node.get_logger().warning(f"{name} is left out: {error}")
+                if error.package not in self._missing:
+                    self._missing.add(error.package)
+                    self._node.get_logger().warning(f"{name} and all else of {error.package} is left out: {error}")
                 made = None
             self._publishers[name, kind] = made
         return self._publishers[name, kind]
