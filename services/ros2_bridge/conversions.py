@@ -90,6 +90,7 @@ class Context:
     Attributes:
         q_ned_from_frd: newest attitude; upright before the first.
         camera_info: newest intrinsics; None before the first.
+        parameters_version: newest version of the estimator's parameters; None before its first estimate.
         trail_ned_m: where the vehicle has been, oldest first.
     """
 
@@ -98,6 +99,7 @@ class Context:
         self.config = config
         self.q_ned_from_frd: Quat = UPRIGHT
         self.camera_info: CameraInfo | None = None
+        self.parameters_version: int | None = None
         self.trail_ned_m: deque[Vec3] = deque(maxlen=TRAIL_MAX)
 
     def notice(self, message: object) -> None:
@@ -106,6 +108,8 @@ class Context:
             self.q_ned_from_frd = message.q_ned_from_frd
         elif isinstance(message, CameraInfo):
             self.camera_info = message
+        elif isinstance(message, Relative):
+            self.parameters_version = message.parameters_version
 
     def extend_trail(self, pos_uav_ned_m: Vec3) -> bool:
         """Add a position to the trail; false while it is near the last one."""

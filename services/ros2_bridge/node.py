@@ -4,11 +4,13 @@ Each topic of jezero has a thread of its own, which waits for messages, converts
 in ROS that is slow or stuck delays nobody. Images are large, and fetched only while somebody subscribes to them.
 """
 
+import os
 import signal
 import threading
 import time
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import rclpy
@@ -31,6 +33,7 @@ from jezero.services.ros2_bridge import conversions
 from jezero.services.ros2_bridge.action_servers import serve_actions
 from jezero.services.ros2_bridge.conversions import Context
 from jezero.services.ros2_bridge.geometry import RosMessage
+from jezero.services.ros2_bridge.limits import RequestLimit
 from jezero.services.ros2_bridge.messages import MissingTypesError, build, message_class, quality_of
 from jezero.services.ros2_bridge.requests import EstimatorParameters, GoalPose, serve_kill, serve_requests
 from jezero.services.ros2_bridge.rows import ROWS, TF, Quality, RosTopic, ros_name, sources
@@ -44,6 +47,10 @@ END_S = 1.0
 """Time in which clients of ROS get their last results."""
 THREADS = 12
 """A goal in flight keeps one, and a request until the vehicle replies."""
+
+FASTDDS_PROFILES, FASTRTPS_PROFILES = "FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE"
+"""Variables that name FastDDS's settings, in its version 3 and in version 2, which Jazzy has."""
+FASTDDS_TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 
 
 class VehicleTime:
@@ -195,18 +202,26 @@ def serve(node: Node, uav: Vehicle, context: Context, is_ending: Callable[[], bo
         log.warning(f"{what} was refused: {reason}")
         refusals.publish(build(RosMessage("std_msgs/msg/String", {"data": f"{what}: {reason}"})))
 
-    serve_requests(node, uav)
+    limit = RequestLimit()
+    serve_requests(node, uav, limit)
     try:
         serve_kill(node, uav)
-        serve_actions(node, uav, refuse, is_ending)
+        serve_actions(node, uav, limit, refuse, is_ending)
     except MissingTypesError as error:
         log.warning(f"actions and the service kill are left out: {error} (deploy/ros2 of jezero)")
     try:
-        EstimatorParameters(node, uav)
+        EstimatorParameters(node, uav, context, limit)
     except JezeroError as error:
         log.warning(f"the estimator's parameters are left out: {error}")
     if commands:
         GoalPose(node, uav, context, refuse)
+
+
+def _make_room_for_images() -> None:
+    """Let FastDDS pass images through shared memory, unless the user has chosen its settings."""
+    if not any(name in os.environ for name in (FASTDDS_PROFILES, FASTRTPS_PROFILES, FASTDDS_TRANSPORTS)):
+        variable = FASTRTPS_PROFILES if os.environ.get("ROS_DISTRO") == "jazzy" else FASTDDS_PROFILES
+        os.environ[variable] = str(Path(__file__).with_name("fastdds.xml"))
 
 
 def run_bridge(uav: Vehicle, vehicle: str, config: VehicleConfig, *, uses_clock: bool, commands: bool) -> None:
@@ -220,6 +235,7 @@ def run_bridge(uav: Vehicle, vehicle: str, config: VehicleConfig, *, uses_clock:
         commands: as in `serve`.
     """
     ending = threading.Event()
+    _make_room_for_images()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, frame: ending.set())

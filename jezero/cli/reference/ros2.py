@@ -69,9 +69,9 @@ A position in the frame `world` is one in `map`, but it has a height of 0 for a 
 `base_link`, its centre of mass, is already above it."""
 PARAMETERS_TEXT = """## Parameters
 
-The node `jezero_bridge` has the estimator's parameters with the values that they had when it started; it has none where
-the estimator did not reply then. To set one sets it in the estimator, for all its users; a value out of range is
-refused with a reason."""
+The node `jezero_bridge` has the estimator's parameters, which follow within two seconds what others change; it has none
+where the estimator did not reply at its start. To set one sets it in the estimator, for all its users; a value out of
+range is refused with a reason."""
 SUBSCRIBED_TEXT = """## Topics that the bridge reads
 
 Only with `--commands`: a `geometry_msgs/msg/PoseStamped` on `goal_pose` in the frame `map` of the vehicle, such as

@@ -45,7 +45,7 @@ IMAGE_BYTES = 100
 def running_bridge(
     stack: Stack, ros: Ros, *words: str, said: list[str] | None = None, before: tuple[str, ...] = ()
 ) -> Iterator["subprocess.Popen[str]"]:
-    """A bridge that is ready; `said` gets the lines that it has logged before, `before` are words before its command."""
+    """A bridge that is ready; `said` gets the lines that it logged before; `before`: words before its command."""
     lines = [] if said is None else said
     command = [*before, ros.python, "-m", "jezero.cli.main", "ros2", "bridge", *words]
     with subprocess.Popen(command, env=ros.environment(stack.environment), stderr=subprocess.PIPE, text=True) as bridge:

@@ -250,6 +250,14 @@ def test_the_estimators_parameters_are_parameters_of_the_node(actor: Actor, uav:
     assert parameters.pos_rover_ned_m == (2.0, 1.0, 0.0)
     actor.do("get", node=node, name="estimator.std_uwb_m")
     assert actor.wait("value")["values"][0]["double_value"] == 0.25
+    uav.set_estimator_parameters(std_uwb_m=0.31)
+
+    def follows() -> bool:
+        actor.do("get", node=node, name="estimator.std_uwb_m")
+        return bool(actor.wait("value")["values"][0]["double_value"] == 0.31)
+
+    wait_for(follows, "the node's parameter does not follow what another client has changed")
+    uav.set_estimator_parameters(std_uwb_m=0.25)
     actor.do("parameters", node=node, values={"estimator.std_uwb_m": 1e9})
     (refused,) = actor.wait("set")["results"]
     assert not refused["successful"] and "std_uwb_m" in refused["reason"]
