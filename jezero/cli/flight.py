@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from jezero.base.frames import Vec3
     from jezero.client import Vehicle
     from jezero.client.rover import Leg
+    from jezero.client.velocity import VelocityGoal
     from jezero.schemas.goals import Frame
     from jezero.schemas.preflight import Override, PreflightReport
     from jezero.schemas.rows import Action
@@ -178,24 +179,29 @@ def velocity(
     above the ground, and keeps within the speeds of its settings.
     """
     printer = Printer(as_json)
-    with connected(vehicle, router, printer) as uav, suppress(KeyboardInterrupt):
+    with connected(vehicle, router, printer) as uav:
         _fly_velocity(printer, uav, (forward_mps, right_mps, up_mps, yaw_rate_rps), inf if for_s is None else for_s)
 
 
 def _fly_velocity(printer: Printer, uav: "Vehicle", command: tuple[float, float, float, float], for_s: float) -> None:
-    """Repeat a velocity command until its end, and print what limits it."""
+    """Fly by one velocity command until the time is over, or until Ctrl+C, and print what limits it."""
     with uav.fly_velocity() as stick:
         printer.event(
             "accepted", f"velocity: accepted (goal {stick.goal_id}); Ctrl+C stops", goal_id=stick.goal_id, warning=""
         )
-        limited_by, begin_s = "", time.monotonic()
-        while (left_s := for_s - (time.monotonic() - begin_s)) > 0.0:
-            stick.send(*command, for_s=min(left_s, 0.2))
-            newest = stick.newest
-            if newest is not None and newest.limited_by not in ("", limited_by):
-                printer.warn(f"limited by {newest.limited_by}")
-            limited_by = limited_by if newest is None else newest.limited_by
+        with suppress(KeyboardInterrupt):
+            _repeat(printer, stick, command, for_s)
     printer.event("result", "velocity: the vehicle hovers", outcome="succeeded", goal_id=stick.goal_id)
+
+
+def _repeat(printer: Printer, stick: "VelocityGoal", command: tuple[float, float, float, float], for_s: float) -> None:
+    limited_by, begin_s = "", time.monotonic()
+    while (left_s := for_s - (time.monotonic() - begin_s)) > 0.0:
+        stick.send(*command, for_s=min(left_s, 0.2))
+        newest_by = limited_by if stick.newest is None else stick.newest.limited_by
+        if newest_by not in ("", limited_by):
+            printer.warn(f"limited by {newest_by}")
+        limited_by = newest_by
 
 
 @click.command(name="land_on_spot", context_settings=NUMBERS)

@@ -84,6 +84,15 @@ class VelocityGoal(Goal[VelocityFeedback, VelocityResult]):
             self.cancel()
         return self.result(STOP_TIMEOUT_S)
 
+    def try_finish(self) -> bool:
+        """Ask for the end, and return at once; to be repeated until it returns True. Raises the errors of `finish`."""
+        self._drain()
+        if self._ended:
+            self.result()
+            return True
+        self._publish_last()
+        return False
+
     def __enter__(self) -> Self:
         return self
 
