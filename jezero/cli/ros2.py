@@ -12,7 +12,7 @@ HOW = """there is no rclpy. In this shell, source a ROS 2 environment (`source /
 jezero's command line in the Python of ROS (`pip install "jezero[cli]"`)"""
 
 
-class Endpoint(click.ParamType[tuple[str, int]]):
+class HostPort(click.ParamType[tuple[str, int]]):
     """A host and a port."""
 
     name = "host:port"
@@ -53,7 +53,7 @@ def ros2() -> None:
 )
 @click.option(
     "--rover-driver",
-    type=Endpoint(),
+    type=HostPort(),
     default="127.0.0.1:9001",
     show_default=True,
     help='Where rover_driver listens: link = "udpin:HOST:PORT" in rover_driver.toml, with format = "json".',

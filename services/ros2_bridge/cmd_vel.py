@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -34,8 +35,8 @@ class CmdVel:
     """Flies by the twists that are published on `cmd_vel`.
 
     The first twist of a stream starts a goal of `fly_velocity`, which the vehicle refuses unless it hovers and nothing
-    else flies it. A stream ends with a second without messages, or with a zero. It starts one goal only, so that a stick
-    that is still held overrides nobody's hover or abort.
+    else flies it. A stream ends with a second without messages, or with a zero. It starts one goal only, so that
+    nobody's hover or abort is overridden by a stick that is still held.
 
     Args:
         now_ns: vehicle time; None while it is unknown.
@@ -78,12 +79,15 @@ class CmdVel:
             return
         if self._subscription is not None:
             self._node.destroy_subscription(self._subscription)
-        (self._type, *_) = found
-        on_message = partial(self._on_message, self._type)
-        kind = message_class(self._type)
-        self._subscription = self._node.create_subscription(
-            kind, TOPIC, on_message, QUALITY, callback_group=self._group
-        )
+            self._subscription, self._type = None, ""
+        on_message = partial(self._on_message, found[0])
+        kind = message_class(found[0])
+        # The executor keeps the subscription of the other type for a moment, and the topic with its type.
+        with suppress(RuntimeError):
+            self._subscription = self._node.create_subscription(
+                kind, TOPIC, on_message, QUALITY, callback_group=self._group
+            )
+            self._type = found[0]
 
     def _on_message(self, kind: str, message: Any) -> None:
         self._heard_s = time.monotonic()

@@ -104,7 +104,7 @@ def _doubts(odometry: Any) -> str:
     return ""
 
 
-class RoverDrive:
+class DriveTwists:
     """Which velocities a rover of ROS gets: the commands of jezero, then some stops, then none.
 
     After the stops, a planner of ROS can drive the rover again.

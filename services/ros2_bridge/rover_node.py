@@ -20,7 +20,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from jezero.schemas.commands import RoverCommand
 from jezero.services.ros2_bridge.geometry import twist
 from jezero.services.ros2_bridge.messages import build, message_class
-from jezero.services.ros2_bridge.rover import RoverDrive, RoverReadings
+from jezero.services.ros2_bridge.rover import DriveTwists, RoverReadings
 
 PERIOD_S = 0.1
 REFUSAL_PERIOD_S = 2.0
@@ -59,7 +59,7 @@ class RoverBridge:
         self._readings = RoverReadings(topics.heading_x_rad)
         self._line = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._line.setblocking(False)
-        self._drive, self._driving = RoverDrive(), threading.Lock()
+        self._drive, self._driving = DriveTwists(), threading.Lock()
         self._refused_s = -REFUSAL_PERIOD_S
         self._heard_s = time.monotonic()
         group = MutuallyExclusiveCallbackGroup()

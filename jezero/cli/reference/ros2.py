@@ -76,8 +76,24 @@ SUBSCRIBED_TEXT = """## Topics that the bridge reads
 Only with `--commands`: a `geometry_msgs/msg/PoseStamped` on `goal_pose` in the frame `map` of the vehicle, such as
 `uav1/map`, flies `base_link` there. A height of exactly 0, as RViz draws poses, keeps the present height. The
 orientation's heading is that at the target; a quaternion of zeros keeps the heading. A pose that arrives during the
-flight to the last one changes its target. There is no `cmd_vel` for the vehicle, as jezero flies goals and no
-velocities."""
+flight to the last one changes its target.
+
+Only with `--commands`, too: a `geometry_msgs/msg/Twist` or `TwistStamped` on `cmd_vel` (the type that somebody publishes
+there) flies the vehicle by [fly_velocity](actions.md#fly_velocity): x forward, y left, z up in m/s, relative to the
+heading, and `angular.z` anticlockwise in rad/s. The frame of a stamped one is `base_link` or empty, and its stamp vehicle
+time or zero. The first message starts the goal while the vehicle hovers and nothing else flies it, half a second without
+one stops the vehicle, and a second ends the goal. A stream that was refused, or that a `hover`, an abort or a pilot has
+ended, has no effect until it pauses for a second or sends a zero. `refusals` has the reasons.
+
+With `--rover-odometry TOPIC`: a `nav_msgs/msg/Odometry` of the rover goes to the service
+[rover_driver](../how-to/use-a-real-rover.md). Its orientation gives the heading, in a frame whose x axis points where
+`--rover-heading` says, and roll and pitch; its twist speed and yaw rate. It is refused, with the reason on `refusals`,
+when a number is NaN or infinite, when its stamp is 0.3 s off both vehicle time and the computer's clock, when its
+covariance says that the heading is known within 0.5 rad only or the speed within 1 m/s (zeros are a covariance that is
+not given), or when it drives sideways.
+
+With `--rover-cmd-vel TOPIC` the bridge publishes the drive commands of jezero's clients there, as on `rover/cmd_vel`, and
+after the last one three stops."""
 
 
 def page() -> str:

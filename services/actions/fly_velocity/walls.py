@@ -25,7 +25,7 @@ NOTICED_MPS = 0.05
 
 
 @dataclass(frozen=True)
-class Wall:
+class ReferenceWall:
     """A wall near the reference.
 
     Attributes:
@@ -41,7 +41,7 @@ class Wall:
 
 def walls(
     pos_ned_m: Vec3, reach_m: float, fence: Fence | None, limits: VehicleLimitsConfig, z_low_ned_m: float, low_name: str
-) -> Iterator[Wall]:
+) -> Iterator[ReferenceWall]:
     """The walls within reach of a point.
 
     Args:
@@ -51,26 +51,32 @@ def walls(
         low_name: what is there, for people.
     """
     down_m, up_m = z_low_ned_m - pos_ned_m[2], altitude_m(pos_ned_m[2])
-    yield Wall((0.0, 0.0, 1.0), down_m, low_name)
-    yield Wall((0.0, 0.0, -1.0), limits.altitude_max_m - up_m, f"the greatest height of {limits.altitude_max_m:g} m")
+    yield ReferenceWall((0.0, 0.0, 1.0), down_m, low_name)
+    yield ReferenceWall(
+        (0.0, 0.0, -1.0), limits.altitude_max_m - up_m, f"the greatest height of {limits.altitude_max_m:g} m"
+    )
     away_m = horizontal(pos_ned_m)
     if away_m > 1.0:
         out_ned = (pos_ned_m[0] / away_m, pos_ned_m[1] / away_m, 0.0)
-        yield Wall(out_ned, limits.distance_max_m - away_m, f"the greatest distance of {limits.distance_max_m:g} m")
+        yield ReferenceWall(
+            out_ned, limits.distance_max_m - away_m, f"the greatest distance of {limits.distance_max_m:g} m"
+        )
     if fence is None:
         return
     if fence.ceiling_m is not None:
-        yield Wall((0.0, 0.0, -1.0), fence.ceiling_m - up_m - HOLD_OFF_M, f"the ceiling of {fence.ceiling_m:g} m")
+        yield ReferenceWall(
+            (0.0, 0.0, -1.0), fence.ceiling_m - up_m - HOLD_OFF_M, f"the ceiling of {fence.ceiling_m:g} m"
+        )
     for edge in edges(fence, pos_ned_m, reach_m + HOLD_OFF_M):
         north_m, east_m = edge.nearest_m[0] - pos_ned_m[0], edge.nearest_m[1] - pos_ned_m[1]
         length_m = hypot(north_m, east_m)
         if length_m > 1e-6:
             sign = 1.0 if edge.inside_m >= 0.0 else -1.0
             out_ned = (sign * north_m / length_m, sign * east_m / length_m, 0.0)
-            yield Wall(out_ned, edge.inside_m - HOLD_OFF_M, edge.in_words)
+            yield ReferenceWall(out_ned, edge.inside_m - HOLD_OFF_M, edge.in_words)
 
 
-def held_back(vel_ned_mps: Vec3, near: list[Wall], accel_mps2: float) -> tuple[Vec3, str]:
+def held_back(vel_ned_mps: Vec3, near: list[ReferenceWall], accel_mps2: float) -> tuple[Vec3, str]:
     """The velocity from which the reference stops in front of all walls, and the name of one that limits it, or ""."""
     vel, name = vel_ned_mps, ""
     for _ in range(ROUNDS):

@@ -16,7 +16,7 @@ from jezero.schemas.sensors import RoverOdometry
 from jezero.services.ros2_bridge import conversions as make
 from jezero.services.ros2_bridge.conversions import Context
 from jezero.services.ros2_bridge.geometry import RosMessage
-from jezero.services.ros2_bridge.rover import EAST_RAD, RoverDrive, RoverReadings
+from jezero.services.ros2_bridge.rover import EAST_RAD, DriveTwists, RoverReadings
 from jezero.services.rover_driver.config import RoverDriverConfig
 from jezero.services.rover_driver.json_lines import OdometryLines
 from jezero.services.rover_driver.motion import RoverMotion
@@ -167,7 +167,7 @@ def command(t_ns: int, speed_mps: float = 0.5) -> RoverCommand:
 
 
 def test_a_drive_ends_with_stops_half_a_second_after_its_last_command_and_then_others_may_drive() -> None:
-    drive = RoverDrive()
+    drive = DriveTwists()
     assert not drive.stop(0.0)
     assert drive.command(command(T_NS), 1.0) == (0.5, -0.2)
     assert [drive.stop(1.0 + 0.1 * i) for i in range(12)] == [False] * 6 + [True] * 3 + [False] * 3
@@ -176,7 +176,7 @@ def test_a_drive_ends_with_stops_half_a_second_after_its_last_command_and_then_o
 
 
 def test_a_command_that_was_overtaken_is_left_out_and_a_new_epoch_is_followed() -> None:
-    drive = RoverDrive()
+    drive = DriveTwists()
     drive.command(command(T_NS), 1.0)
     assert drive.command(command(T_NS - 100_000_000), 1.1) is None
     assert drive.command(command(10**9), 1.2) == (0.5, -0.2)
