@@ -19,8 +19,7 @@ from jezero.client.goal import Goal
 from jezero.client.goal_sender import action_named
 from jezero.client.vehicle import Vehicle
 from jezero.schemas.rows import Action
-from jezero.schemas.topics import ACTIONS
-from jezero.services.ros2_bridge.fields import from_ros, interface_name, to_ros
+from jezero.services.ros2_bridge.fields import ROS_ACTIONS, from_ros, interface_name, to_ros
 from jezero.services.ros2_bridge.messages import fill, message_class
 
 POLL_S = 0.1
@@ -47,7 +46,7 @@ class Conversion:
 
 
 def serve_actions(node: Node, uav: Vehicle, refuse: Refuse, is_ending: Callable[[], bool]) -> None:
-    """Make an action server for each action of jezero, and one for any action.
+    """Make an action server for each action of `ROS_ACTIONS`, and one for any action.
 
     Args:
         is_ending: whether the bridge is about to end: then its clients get the result `lost`, and goals fly on.
@@ -55,7 +54,7 @@ def serve_actions(node: Node, uav: Vehicle, refuse: Refuse, is_ending: Callable[
     Raises:
         MissingTypesError: jezero_interfaces is not in this ROS environment.
     """
-    for name, action in ACTIONS.items():
+    for name, action in ROS_ACTIONS.items():
         _Server(node, name, _conversion(uav, action), refuse, is_ending)
     any_action = Conversion(
         lambda goal: _send_any(uav, goal.action, goal.goal_json),

@@ -13,8 +13,7 @@ import msgspec
 
 from jezero.cli.reference.words import Field, description_of, fields_of
 from jezero.schemas.rows import Action
-from jezero.schemas.topics import ACTIONS
-from jezero.services.ros2_bridge.fields import AS_JSON, RosField, interface_name, ros_fields
+from jezero.services.ros2_bridge.fields import AS_JSON, ROS_ACTIONS, RosField, interface_name, ros_fields
 
 FOLDER = Path(__file__).parents[3] / "deploy" / "ros2" / "jezero_interfaces" / "action"
 WIDTH = 118
@@ -45,7 +44,7 @@ def definition(action: Action[Any]) -> str:
 
 def definitions() -> dict[str, str]:
     """All .action files of jezero's own actions, by their names."""
-    return {f"{interface_name(name)}.action": definition(action) for name, action in ACTIONS.items()}
+    return {f"{interface_name(name)}.action": definition(action) for name, action in ROS_ACTIONS.items()}
 
 
 def _fields(struct: Any) -> Iterator[str]:
