@@ -243,14 +243,21 @@ def test_a_goal_pose_is_flown_to_and_another_one_changes_the_way(actor: Actor, u
     assert f"expected {frame}" in actor.wait(actor.name("refusals"))["message"]["data"]
 
 
-@pytest.mark.parametrize("kind", ["Twist", "TwistStamped"])
+@pytest.fixture(params=["Twist", "TwistStamped"])
+def stick(request: pytest.FixtureRequest, shared_stack: Stack, ros_with_interfaces: Ros) -> Iterator[tuple[Actor, str]]:
+    """A client that publishes on cmd_vel, and the type; in a process a topic has one type, so each has its own."""
+    with an_actor(shared_stack, ros_with_interfaces) as stick:
+        yield stick, request.param
+
+
 def test_cmd_vel_flies_the_vehicle_along_the_axes_of_rep_103(
-    kind: str, actor: Actor, uav: Vehicle, flying: None
+    stick: tuple[Actor, str], actor: Actor, uav: Vehicle, flying: None
 ) -> None:
     def stream(for_s: float, forward_mps: float = 0.0, left_mps: float = 0.0, turn_rps: float = 0.0) -> None:
+        pilot, kind = stick
         twist = {"linear": {"x": forward_mps, "y": left_mps}, "angular": {"z": turn_rps}}
         message = twist if kind == "Twist" else {"header": {"frame_id": "base_link"}, "twist": twist}
-        actor.do("stream", type=f"geometry_msgs/msg/{kind}", name=actor.name("cmd_vel"), message=message, for_s=for_s)
+        pilot.do("stream", type=f"geometry_msgs/msg/{kind}", name=actor.name("cmd_vel"), message=message, for_s=for_s)
 
     uav.go_to(0.0, 0.0, -3.0, yaw_rad=0.0).result(TIMEOUT_S)
     stream(6.0, forward_mps=0.7, left_mps=0.7)
