@@ -10,6 +10,7 @@ with uav.fly_velocity() as stick:
 
 import time
 from contextlib import suppress
+from math import inf
 from types import TracebackType
 from typing import Any, Self
 
@@ -37,6 +38,8 @@ class VelocityGoal(Goal[VelocityFeedback, VelocityResult]):
     """
 
     newest: VelocityFeedback | None = None
+    _heard_s = -inf
+    """Monotonic time of the newest feedback."""
 
     def send(
         self,
@@ -129,7 +132,7 @@ class VelocityGoal(Goal[VelocityFeedback, VelocityResult]):
         if self._ended:
             self.result()
             raise Refused("the goal has succeeded already: nothing follows a velocity command")
-        t_ns = self._connection.vehicle_time_ns()
+        t_ns = self._now_ns()
         if t_ns is None:
             raise TimedOut("no feedback for a second: the velocity command has no vehicle time")
         self._connection.publish(VELOCITY_COMMAND, msgspec.structs.replace(command, t_ns=t_ns))
@@ -137,12 +140,20 @@ class VelocityGoal(Goal[VelocityFeedback, VelocityResult]):
 
     def _publish_last(self) -> None:
         """Publish the command that ends the goal, if the vehicle time is known."""
-        t_ns = self._connection.vehicle_time_ns()
+        t_ns = self._now_ns()
         if t_ns is not None:
             command = VelocityCommand(t_ns=t_ns, goal_id=self.goal_id, is_last=True)
             self._connection.publish(VELOCITY_COMMAND, command)
 
     def _process(self, data: bytes) -> VelocityFeedback | None:
         feedback = super()._process(data)
-        self.newest = feedback or self.newest
+        if feedback is not None:
+            self.newest, self._heard_s = feedback, time.monotonic()
         return feedback
+
+    def _now_ns(self) -> int | None:
+        """Vehicle time by the newest feedback; None without one for a second.
+
+        The connection's vehicle time won't do: it ignores a clock that has once stood still, as it may be an old one.
+        """
+        return self._feedback_t_ns if time.monotonic() - self._heard_s <= FEEDBACK_TIMEOUT_S else None

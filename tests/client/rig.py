@@ -187,10 +187,13 @@ def velocity_feedback(t_ns: int, limited_by: str = "") -> Feedback[VelocityFeedb
 
 
 @contextmanager
-def steerable(server: Server) -> Iterator[list[VelocityCommand]]:
+def steerable(server: Server, stall_s: float = 0.0) -> Iterator[list[VelocityCommand]]:
     """An action server of `fly_velocity`, whose goal ends with the last command; yields the commands that it gets.
 
-    Vehicle time begins at 1 s and grows by 0.1 s with each feedback.
+    Vehicle time begins at 1 s and grows by 0.1 s with each feedback. It stands still once, after the first command.
+
+    Args:
+        stall_s: how long it stands still.
     """
     action, commands, stop = topics.FLY_VELOCITY.endpoint.name, list[VelocityCommand](), threading.Event()
     server.serve(action, ACCEPTED, end=False)
@@ -202,8 +205,11 @@ def steerable(server: Server) -> Iterator[list[VelocityCommand]]:
     subscriber = server.session.declare_subscriber(key, on_command)
 
     def serve() -> None:
-        t_ns = 1_000_000_000
+        t_ns, stall_left_s = 1_000_000_000, stall_s
         while not stop.wait(0.02):
+            if commands and stall_left_s:
+                stop.wait(stall_left_s)
+                stall_left_s = 0.0
             for query in server.open.get(action, ()):
                 server.reply(query, velocity_feedback(t_ns, "the fence"))
             t_ns += 100_000_000

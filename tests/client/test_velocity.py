@@ -4,7 +4,7 @@ from math import nan
 
 import pytest
 
-from jezero import Aborted, Refused, Vehicle, aio
+from jezero import Aborted, Refused, TimedOut, Vehicle, aio
 from jezero.client.velocity import VelocityGoal
 from jezero.schemas.commands import VelocityCommand
 from jezero.schemas.goals import VelocityResult
@@ -70,6 +70,16 @@ def test_a_goal_that_has_ended_raises_its_reason_instead_of_sending(vehicle: Veh
     with pytest.raises(Aborted, match="hover was requested"), vehicle.fly_velocity() as stick:
         for _ in range(1000):
             stick.send(1.0, for_s=0.1)
+
+
+def test_commands_go_on_after_vehicle_time_has_stood_still(vehicle: Vehicle, server: Server) -> None:
+    with steerable(server, stall_s=3.0) as commands, vehicle.fly_velocity() as stick:
+        stick.send(1.0)
+        with pytest.raises(TimedOut):
+            stick.send(1.0, for_s=60.0)
+        assert stick.next_feedback(10.0) is not None
+        stick.send(0.5, for_s=0.5)
+        assert commands[-1].forward_mps == 0.5 and commands[-1].t_ns > commands[0].t_ns
 
 
 def test_a_goal_sent_by_name_can_be_steered_too(vehicle: Vehicle, server: Server) -> None:
