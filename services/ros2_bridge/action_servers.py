@@ -20,8 +20,7 @@ from jezero.client.goal import Goal
 from jezero.client.goal_sender import action_named
 from jezero.client.vehicle import Vehicle
 from jezero.schemas.rows import Action
-from jezero.schemas.topics import ACTIONS
-from jezero.services.ros2_bridge.fields import from_ros, interface_name, to_ros
+from jezero.services.ros2_bridge.fields import ROS_ACTIONS, from_ros, interface_name, to_ros
 from jezero.services.ros2_bridge.limits import RequestLimit
 from jezero.services.ros2_bridge.messages import fill, message_class
 
@@ -49,7 +48,7 @@ class Conversion:
 
 
 def serve_actions(node: Node, uav: Vehicle, limit: RequestLimit, refuse: Refuse, is_ending: Callable[[], bool]) -> None:
-    """Make an action server for each action of jezero, and one for any action.
+    """Make an action server for each action of `ROS_ACTIONS`, and one for any action.
 
     Args:
         limit: of the goals that reach the vehicle.
@@ -58,7 +57,7 @@ def serve_actions(node: Node, uav: Vehicle, limit: RequestLimit, refuse: Refuse,
     Raises:
         MissingTypesError: jezero_interfaces is not in this ROS environment.
     """
-    for name, action in ACTIONS.items():
+    for name, action in ROS_ACTIONS.items():
         _Server(node, name, _conversion(uav, action), limit, refuse, is_ending)
     any_action = Conversion(
         lambda goal: _send_any(uav, goal.action, goal.goal_json),

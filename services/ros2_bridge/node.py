@@ -31,11 +31,13 @@ from jezero.schemas.state import Clock, Status
 from jezero.schemas.units import NS_PER_S
 from jezero.services.ros2_bridge import conversions
 from jezero.services.ros2_bridge.action_servers import serve_actions
+from jezero.services.ros2_bridge.cmd_vel import CmdVel
 from jezero.services.ros2_bridge.conversions import Context
 from jezero.services.ros2_bridge.geometry import RosMessage
 from jezero.services.ros2_bridge.limits import RequestLimit
 from jezero.services.ros2_bridge.messages import MissingTypesError, build, message_class, quality_of
 from jezero.services.ros2_bridge.requests import EstimatorParameters, GoalPose, serve_kill, serve_requests
+from jezero.services.ros2_bridge.rover_node import RoverBridge, RoverTopics
 from jezero.services.ros2_bridge.rows import ROWS, TF, Quality, RosTopic, ros_name, sources
 
 CLOCK_HZ = 100.0
@@ -87,12 +89,13 @@ class Bridge:
 
     Attributes:
         invalid: number of messages that could not be decoded.
+        time: vehicle time between two clocks.
     """
 
     def __init__(self, node: Node, uav: Vehicle, context: Context, *, uses_clock: bool = True) -> None:
         self._node, self._uav, self._context = node, uav, context
         self.invalid = 0
-        self._time = VehicleTime()
+        self.time = VehicleTime()
         self._publishers: dict[tuple[str, str], Any] = {}
         self._rows: dict[str, list[RosTopic]] = {}
         self._images: Subscription[Any] | None = None
@@ -109,7 +112,7 @@ class Bridge:
         for source in sources():
             if source is not topics.CAMERA:
                 self._follow(source, partial(self._on_message, source.name))
-        self._follow(topics.CLOCK, self._time.on_clock)
+        self._follow(topics.CLOCK, self.time.on_clock)
         wall = RosClock(clock_type=ClockType.STEADY_TIME)
         # Groups of their own: a request on the node's parameters may wait for the vehicle.
         own = MutuallyExclusiveCallbackGroup
@@ -161,7 +164,7 @@ class Bridge:
             self._publish_plan(message)
 
     def _publish_clock(self) -> None:
-        t_ns = self._time.now_ns()
+        t_ns = self.time.now_ns()
         if t_ns is not None and self._clock is not None:
             self._clock.publish(build(conversions.clock(t_ns)))
 
@@ -186,14 +189,25 @@ class Bridge:
         self._plan.publish(build(conversions.path(status.t_ns, way_ned_m, self._context)))
 
 
-def serve(node: Node, uav: Vehicle, context: Context, is_ending: Callable[[], bool], *, commands: bool) -> None:
+def serve(
+    node: Node,
+    uav: Vehicle,
+    context: Context,
+    is_ending: Callable[[], bool],
+    now_ns: Callable[[], int | None],
+    *,
+    commands: bool,
+    rover: RoverTopics | None,
+) -> None:
     """Make what clients of ROS request: actions, services, parameters, and the topic `goal_pose`.
 
     What this ROS environment or the vehicle lacks is left out, which is logged in one sentence.
 
     Args:
         is_ending: whether the bridge is about to end.
-        commands: whether a message on `goal_pose` flies the vehicle.
+        now_ns: vehicle time; None while it is unknown.
+        commands: whether messages on `goal_pose` and `cmd_vel` fly the vehicle.
+        rover: the rover in ROS; None for none.
     """
     log = node.get_logger()
     refusals = node.create_publisher(message_class("std_msgs/msg/String"), "refusals", quality_of("state"))
@@ -215,6 +229,10 @@ def serve(node: Node, uav: Vehicle, context: Context, is_ending: Callable[[], bo
         log.warning(f"the estimator's parameters are left out: {error}")
     if commands:
         GoalPose(node, uav, context, refuse)
+        CmdVel(node, uav, context, refuse, now_ns)
+    if rover is not None:
+        passed_on = RoverBridge(node, rover, refuse, now_ns)
+        uav.subscribe(topics.ROVER_COMMAND, passed_on.on_command)
 
 
 def _make_room_for_images() -> None:
@@ -224,7 +242,15 @@ def _make_room_for_images() -> None:
         os.environ[variable] = str(Path(__file__).with_name("fastdds.xml"))
 
 
-def run_bridge(uav: Vehicle, vehicle: str, config: VehicleConfig, *, uses_clock: bool, commands: bool) -> None:
+def run_bridge(
+    uav: Vehicle,
+    vehicle: str,
+    config: VehicleConfig,
+    *,
+    uses_clock: bool,
+    commands: bool,
+    rover: RoverTopics | None,
+) -> None:
     """Run the bridge until Ctrl+C or SIGTERM.
 
     Args:
@@ -233,6 +259,7 @@ def run_bridge(uav: Vehicle, vehicle: str, config: VehicleConfig, *, uses_clock:
         config: its dimensions.
         uses_clock: whether `/clock` is published.
         commands: as in `serve`.
+        rover: as in `serve`.
     """
     ending = threading.Event()
     _make_room_for_images()
@@ -245,8 +272,8 @@ def run_bridge(uav: Vehicle, vehicle: str, config: VehicleConfig, *, uses_clock:
     executor = MultiThreadedExecutor(THREADS)
     executor.add_node(node)
     try:
-        Bridge(node, uav, context, uses_clock=uses_clock)
-        serve(node, uav, context, ending.is_set, commands=commands)
+        bridge = Bridge(node, uav, context, uses_clock=uses_clock)
+        serve(node, uav, context, ending.is_set, bridge.time.now_ns, commands=commands, rover=rover)
         node.get_logger().info(f"{vehicle} is in /{name}")
         while not ending.is_set():
             executor.spin_once(SPIN_S)

@@ -13,9 +13,8 @@ import msgspec
 
 from jezero.cli.reference.words import Field, description_of, fields_of
 from jezero.schemas.rows import Action
-from jezero.schemas.topics import ACTIONS
 from jezero.services.ros2_bridge.exact import STAMP, ExactField, exact_fields
-from jezero.services.ros2_bridge.fields import AS_JSON, RosField, interface_name, ros_fields
+from jezero.services.ros2_bridge.fields import AS_JSON, ROS_ACTIONS, RosField, interface_name, ros_fields
 from jezero.services.ros2_bridge.rows import exact_structs
 
 FOLDER = Path(__file__).parents[3] / "deploy" / "ros2" / "jezero_interfaces"
@@ -59,7 +58,7 @@ def message_definition(struct: Any) -> str:
 
 def definitions() -> dict[str, str]:
     """All .action files of jezero's own actions and all .msg files, by their paths in the package."""
-    actions = {f"action/{interface_name(name)}.action": definition(action) for name, action in ACTIONS.items()}
+    actions = {f"action/{interface_name(name)}.action": definition(action) for name, action in ROS_ACTIONS.items()}
     return actions | {f"msg/{name}.msg": message_definition(struct) for name, struct in exact_structs().items()}
 
 

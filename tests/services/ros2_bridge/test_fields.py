@@ -21,8 +21,7 @@ from jezero.schemas.goals import (
     ReturnHomeGoal,
     TakeoffGoal,
 )
-from jezero.schemas.topics import ACTIONS
-from jezero.services.ros2_bridge.fields import AS_JSON, RULES, from_ros, ros_fields, to_ros
+from jezero.services.ros2_bridge.fields import AS_JSON, ROS_ACTIONS, RULES, from_ros, ros_fields, to_ros
 from jezero.services.ros2_bridge.geometry import RosMessage
 
 metres = st.floats(-1e3, 1e3)
@@ -71,7 +70,7 @@ GOALS = st.one_of(
     ),
 )
 
-STRUCTS: list[Any] = [kind for a in ACTIONS.values() for kind in (a.goal_type, a.feedback_type, a.result_type)]
+STRUCTS: list[Any] = [kind for a in ROS_ACTIONS.values() for kind in (a.goal_type, a.feedback_type, a.result_type)]
 
 
 def as_received(value: Any) -> Any:
