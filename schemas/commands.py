@@ -226,6 +226,31 @@ class CameraPitch(Message, frozen=True, kw_only=True):
     roll_camera_rad: Annotated[float, Meta(ge=-0.8, le=0.8)] = 0.0
 
 
+Speed = Annotated[float, Meta(ge=-50.0, le=50.0)]
+
+
+class VelocityCommand(Message, frozen=True, kw_only=True):
+    """Commanded velocity of the vehicle for a goal of `fly_velocity`, in the level frame of its heading.
+
+    The vehicle follows a command for half a second, and comes to rest without a newer one.
+
+    Attributes:
+        goal_id: id of the goal; the command of another goal is refused.
+        forward_mps: velocity along the heading; negative is backwards.
+        right_mps: velocity to the right of the heading; negative is to the left.
+        up_mps: velocity upwards; negative is downwards.
+        yaw_rate_rps: yaw rate, clockwise as seen from above.
+        is_last: the vehicle comes to rest, and the goal succeeds.
+    """
+
+    goal_id: Name
+    forward_mps: Speed = 0.0
+    right_mps: Speed = 0.0
+    up_mps: Speed = 0.0
+    yaw_rate_rps: Annotated[float, Meta(ge=-10.0, le=10.0)] = 0.0
+    is_last: bool = False
+
+
 class RoverCommand(Message, frozen=True, kw_only=True):
     """Commanded motion of the rover, which stops when no command arrives for half a second.
 

@@ -76,6 +76,19 @@ class GoToGoal(Goal, frozen=True, kw_only=True):
     override: tuple[Override, ...] = ()
 
 
+class FlyVelocityGoal(Goal, frozen=True, kw_only=True):
+    """Fly by velocity commands: follow those that the goal's client publishes on `command/velocity`.
+
+    The vehicle hovers while no command arrives for half a second, and the goal ends after a longer silence. It stops in
+    front of the fence and above the ground.
+
+    Attributes:
+        speed_max_mps: greatest horizontal speed. None means that of the settings.
+    """
+
+    speed_max_mps: float | None = None
+
+
 class LandOnSpotGoal(Goal, frozen=True, kw_only=True):
     """Land on the rover, or on a spot on the ground.
 
@@ -225,6 +238,22 @@ class MoveFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="mo
     distance_m: NonNegative
 
 
+class VelocityFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="velocity"):
+    """Progress of a flight by velocity.
+
+    Attributes:
+        pos_uav_ned_m: position of the vehicle in world NED.
+        follows: whether a command is followed; false while none arrives, and the vehicle hovers.
+        limited_by: what keeps the vehicle from flying as commanded, such as the fence; "" for nothing.
+        refused: why the newest command that was refused was so; "" when a newer one was followed.
+    """
+
+    pos_uav_ned_m: PositionNed
+    follows: bool
+    limited_by: Text = ""
+    refused: Text = ""
+
+
 LandPhase = Literal["approach", "descent", "hold", "search", "contact", "go_around"]
 
 
@@ -296,6 +325,18 @@ class MoveResult(Payload, frozen=True, kw_only=True):
     Attributes:
         completed: true after a success.
         pos_uav_ned_m: final position of the vehicle in world NED, whatever the goal's frame.
+    """
+
+    completed: bool
+    pos_uav_ned_m: PositionNed
+
+
+class VelocityResult(Payload, frozen=True, kw_only=True):
+    """End of a flight by velocity.
+
+    Attributes:
+        completed: true after a success.
+        pos_uav_ned_m: final position of the vehicle in world NED.
     """
 
     completed: bool

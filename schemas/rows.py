@@ -130,6 +130,7 @@ class Action(Generic[Q]):
         takes_pictures: whether the server also declares `image`; such an action also points the camera.
         changeable: fields of a goal that may change while it is flown.
         points_camera: whether the server also declares `command/camera_pitch`, so that a move may point the camera.
+        steered_by: topic of the commands by which the client of a goal steers it while it is flown; None for none.
         odometry_min_hz: rate of odometry below which the bridge of a real vehicle accepts none of its goals.
     """
 
@@ -141,7 +142,15 @@ class Action(Generic[Q]):
     takes_pictures: bool = False
     changeable: tuple[str, ...] = ()
     points_camera: bool = False
+    steered_by: "Topic[commands.VelocityCommand] | None" = None
     odometry_min_hz: float = FLYING_ODOMETRY_MIN_HZ
+
+    @property
+    def mission_refusal(self) -> str:
+        """Reason why its goals can't be steps of a mission, or ""."""
+        if self.steered_by is None:
+            return ""
+        return f"{self.name} follows the commands of a client, and a mission has none: take go_to"
 
     @cached_property
     def endpoint(self) -> Endpoint[Q, actions.Rejected]:

@@ -47,6 +47,7 @@ RELATIVE = Topic("estimate/relative", estimate.Relative, 50.0, "estimator", link
 ROVER_ESTIMATE = Topic("estimate/rover", estimate.RoverEstimate, 10.0, "estimator", link_hz=5.0)
 CAMERA_PITCH = Topic("command/camera_pitch", commands.CameraPitch, 20.0, GOAL_IN_CHARGE, link_hz=2.0)
 CAMERA_ATTITUDE = Topic("camera/attitude", sensors.CameraAttitude, 20.0, "vehicle_bridge", link_hz=2.0)
+VELOCITY_COMMAND = Topic("command/velocity", commands.VelocityCommand, 20.0, CLIENTS, urgent=True)
 ROVER_COMMAND = Topic("rover/command", commands.RoverCommand, 10.0, CLIENTS, urgent=True)
 MISSION = Topic("mission/progress", mission.MissionProgress, 2.0, "mission")
 PREFLIGHT = Topic("preflight", preflight.PreflightReport, None, "preflight")
@@ -127,6 +128,14 @@ GO_TO = Action(
     commands.Phase.GO_TO,
     changeable=("target_ned_m", "yaw_rad", "speed_mps"),
 )
+FLY_VELOCITY = Action(
+    "fly_velocity",
+    goals.FlyVelocityGoal,
+    goals.VelocityFeedback,
+    goals.VelocityResult,
+    commands.Phase.ACTION,
+    steered_by=VELOCITY_COMMAND,
+)
 LAND_ON_SPOT = Action(
     "land_on_spot",
     goals.LandOnSpotGoal,
@@ -162,7 +171,7 @@ GET_IMAGES = Action(
     changeable=("center_ned_m", "radius_m", "num_images", "target_z_ned_m", "speed_mps"),
 )
 ACTIONS: dict[str, Action[Any]] = {
-    a.name: a for a in (TAKEOFF, GO_TO, GET_IMAGES, AREA_COVERAGE, LAND_ON_SPOT, RETURN_HOME)
+    a.name: a for a in (TAKEOFF, GO_TO, FLY_VELOCITY, GET_IMAGES, AREA_COVERAGE, LAND_ON_SPOT, RETURN_HOME)
 }
 
 ENDPOINTS: tuple[Endpoint[Any, Any], ...] = (

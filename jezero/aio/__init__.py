@@ -20,7 +20,7 @@ asyncio.run(main())
 feedback, a result or a message needs none (`arrivals.py`).
 """
 
-from jezero.aio.goal import Goal, ImagesGoal
+from jezero.aio.goal import Goal, ImagesGoal, VelocityGoal
 from jezero.aio.rover import Rover
 from jezero.aio.subscription import Subscription
 from jezero.aio.vehicle import Camera, Vehicle
@@ -41,6 +41,7 @@ __all__ = [
     "TimedOut",
     "Unreachable",
     "Vehicle",
+    "VelocityGoal",
     "Wheel",
     "described",
 ]

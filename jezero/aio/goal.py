@@ -4,15 +4,17 @@ import asyncio
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import suppress
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Self, TypeVar
 
 from jezero.aio.arrivals import AsyncArrivals
 from jezero.aio.threads import Threads, in_thread
 from jezero.client import goal as client
-from jezero.client import images
+from jezero.client import images, velocity
 from jezero.client.errors import JezeroError, TimedOut
 from jezero.client.images import Picture
-from jezero.schemas.goals import ImagesFeedback, ImagesResult
+from jezero.client.velocity import FEEDBACK_TIMEOUT_S, STOP_TIMEOUT_S
+from jezero.schemas.goals import ImagesFeedback, ImagesResult, VelocityFeedback, VelocityResult
+from jezero.schemas.units import NS_PER_S
 
 F = TypeVar("F")
 R = TypeVar("R")
@@ -129,3 +131,56 @@ class ImagesGoal(Goal[ImagesFeedback, ImagesResult]):
                 yield await self.picture(image)
 
     picture = in_thread(images.ImagesGoal.picture)
+
+
+class VelocityGoal(Goal[VelocityFeedback, VelocityResult]):
+    """A running flight by velocity; at the end of an `async with` block the vehicle comes to rest."""
+
+    _blocking: velocity.VelocityGoal
+
+    @property
+    def newest(self) -> VelocityFeedback | None:
+        """The newest feedback; None before."""
+        return self._blocking.newest
+
+    async def send(
+        self,
+        forward_mps: float = 0.0,
+        right_mps: float = 0.0,
+        up_mps: float = 0.0,
+        yaw_rate_rps: float = 0.0,
+        *,
+        for_s: float | None = None,
+    ) -> None:
+        """Command a velocity; arguments and errors as of `jezero.client.velocity.VelocityGoal.send`."""
+        blocking = self._blocking
+        command = blocking._command(forward_mps, right_mps, up_mps, yaw_rate_rps)
+        blocking._drain()
+        if blocking.newest is None:
+            await self.next_feedback(FEEDBACK_TIMEOUT_S)
+        start_ns = blocking._publish(command)
+        while for_s is not None and blocking._publish(command) - start_ns < for_s * NS_PER_S:
+            await self.next_feedback(FEEDBACK_TIMEOUT_S)
+
+    async def finish(self) -> VelocityResult:
+        """Let the vehicle come to rest; result and errors as of `jezero.client.velocity.VelocityGoal.finish`."""
+        deadline_s = time.monotonic() + STOP_TIMEOUT_S
+        while not self._blocking._ended and time.monotonic() < deadline_s:
+            self._blocking._publish_last()
+            with suppress(TimedOut):
+                await self.next_feedback(FEEDBACK_TIMEOUT_S)
+        if not self._blocking._ended:
+            await self.cancel()
+        return await self.result(STOP_TIMEOUT_S)
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(self, kind: object, error: BaseException | None, at: object) -> None:
+        if error is None:
+            await self.finish()
+        elif isinstance(error, asyncio.CancelledError):
+            await cancel_with_task(self._threads, self._blocking)
+        else:
+            with suppress(JezeroError):  # the block's own error says more
+                await self.finish()

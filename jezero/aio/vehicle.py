@@ -7,11 +7,11 @@ from functools import partial, wraps
 from pathlib import Path
 from typing import Any, Concatenate, ParamSpec, Self, TypeVar, overload
 
-from jezero.aio.goal import Goal, ImagesGoal, cancel_with_task
+from jezero.aio.goal import Goal, ImagesGoal, VelocityGoal, cancel_with_task
 from jezero.aio.rover import Rover
 from jezero.aio.subscription import Subscription
 from jezero.aio.threads import Threads, in_thread
-from jezero.client import actions, camera, control, goal, images, mission
+from jezero.client import actions, camera, control, goal, images, mission, velocity
 from jezero.client import vehicle as client
 from jezero.client.errors import TimedOut, Unreachable
 from jezero.client.status import STATUS_TIMEOUT_S, no_status
@@ -146,6 +146,7 @@ class Vehicle:
 
     takeoff = sends(client.Vehicle.takeoff, Goal)
     go_to = sends(client.Vehicle.go_to, Goal)
+    fly_velocity = sends(client.Vehicle.fly_velocity, VelocityGoal)
     land_on_spot = sends(client.Vehicle.land_on_spot, Goal)
     return_home = sends(client.Vehicle.return_home, Goal)
     get_images = sends(client.Vehicle.get_images, ImagesGoal)
@@ -158,11 +159,13 @@ class Vehicle:
 
     async def send(
         self, action: str | Action[Any], goal: GoalPayload | None = None, **fields: Any
-    ) -> Goal[Any, Any] | ImagesGoal:
+    ) -> Goal[Any, Any] | ImagesGoal | VelocityGoal:
         """Send a goal to any action; arguments and errors as of `jezero.Vehicle.send`."""
         sent = await self._send(partial(self._blocking.send, action, goal, **fields))
         if isinstance(sent, images.ImagesGoal):
             return ImagesGoal(self._threads, sent)
+        if isinstance(sent, velocity.VelocityGoal):
+            return VelocityGoal(self._threads, sent)
         return Goal(self._threads, sent)
 
     # -- requests --

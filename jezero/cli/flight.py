@@ -4,6 +4,7 @@ import json
 import shutil
 import sys
 import textwrap
+import time
 from contextlib import suppress
 from math import atan2, degrees, hypot, inf, radians
 from pathlib import Path
@@ -21,7 +22,9 @@ from jezero.cli.terminal import REFUSED, Printer, connected
 
 if TYPE_CHECKING:
     from jezero.base.frames import Vec3
+    from jezero.client import Vehicle
     from jezero.client.rover import Leg
+    from jezero.client.velocity import VelocityGoal
     from jezero.schemas.goals import Frame
     from jezero.schemas.preflight import Override, PreflightReport
     from jezero.schemas.rows import Action
@@ -151,6 +154,54 @@ def target(
     )
     with connected(vehicle, router, printer) as uav:
         fly_goal(printer, send_goal(printer, uav, GO_TO, goal, yes=yes), "target")
+
+
+@click.command(context_settings=NUMBERS)
+@click.argument("forward_mps", metavar="FORWARD", type=FiniteRange(-50.0, 50.0))
+@click.argument("right_mps", metavar="[RIGHT]", type=FiniteRange(-50.0, 50.0), default=0.0)
+@click.argument("up_mps", metavar="[UP]", type=FiniteRange(-50.0, 50.0), default=0.0)
+@click.argument("yaw_rate_rps", metavar="[YAW_RATE]", type=FiniteRange(-10.0, 10.0), default=0.0)
+@click.option("--for", "for_s", type=FiniteRange(0.0), metavar="S", help="Seconds to fly [default: until Ctrl+C].")
+@common_options
+def velocity(
+    forward_mps: float,
+    right_mps: float,
+    up_mps: float,
+    yaw_rate_rps: float,
+    for_s: float | None,
+    vehicle: str,
+    router: str,
+    as_json: bool,
+) -> None:
+    """Fly at FORWARD m/s along the heading, RIGHT m/s to its right and UP m/s, turning at YAW_RATE rad/s.
+
+    Positive rates turn clockwise as seen from above. At the end the vehicle hovers. It stops in front of the fence and
+    above the ground, and keeps within the speeds of its settings.
+    """
+    printer = Printer(as_json)
+    with connected(vehicle, router, printer) as uav:
+        _fly_velocity(printer, uav, (forward_mps, right_mps, up_mps, yaw_rate_rps), inf if for_s is None else for_s)
+
+
+def _fly_velocity(printer: Printer, uav: "Vehicle", command: tuple[float, float, float, float], for_s: float) -> None:
+    """Fly by one velocity command until the time is over, or until Ctrl+C, and print what limits it."""
+    with uav.fly_velocity() as stick:
+        printer.event(
+            "accepted", f"velocity: accepted (goal {stick.goal_id}); Ctrl+C stops", goal_id=stick.goal_id, warning=""
+        )
+        with suppress(KeyboardInterrupt):
+            _repeat(printer, stick, command, for_s)
+    printer.event("result", "velocity: the vehicle hovers", outcome="succeeded", goal_id=stick.goal_id)
+
+
+def _repeat(printer: Printer, stick: "VelocityGoal", command: tuple[float, float, float, float], for_s: float) -> None:
+    limited_by, begin_s = "", time.monotonic()
+    while (left_s := for_s - (time.monotonic() - begin_s)) > 0.0:
+        stick.send(*command, for_s=min(left_s, 0.2))
+        newest_by = limited_by if stick.newest is None else stick.newest.limited_by
+        if newest_by not in ("", limited_by):
+            printer.warn(f"limited by {newest_by}")
+        limited_by = newest_by
 
 
 @click.command(name="land_on_spot", context_settings=NUMBERS)

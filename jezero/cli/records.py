@@ -110,7 +110,7 @@ class RecordingGroup(click.Group):
 
 @click.group(cls=RecordingGroup)
 def recording() -> None:
-    """Look into recordings of flights, cut, repair and export them.
+    """Look into recordings of flights, cut, repair, export and import them.
 
     FILE is a recording, or the folder of a run, whose recording is flight.mcap. Foxglove, PlotJuggler and
     `import jezero.recording` read recordings too.
@@ -288,6 +288,46 @@ def export(
     for name, count in counts.items():
         click.echo(f"{name:<34} {count:>7}")
     click.echo(f"wrote {bag}: {sum(counts.values())} messages, among them /clock; play it with `ros2 bag play {bag}`")
+
+
+@recording.command("import")
+@click.argument("bag", type=click.Path(path_type=Path, exists=True))
+@click.argument("target", type=click.Path(path_type=Path, dir_okay=False))
+@click.option("--topic", "topics", multiple=True, metavar="ROS=JEZERO",
+              help="A topic of BAG that has another name than the bridge's; may be given several times.")  # fmt: skip
+@click.option("--vehicle", envvar="JEZERO_VEHICLE", default="uav1", show_default=True,
+              help="Vehicle's name, in the names of BAG's topics.")  # fmt: skip
+def import_(bag: Path, target: Path, topics: tuple[str, ...], vehicle: str) -> None:
+    """Make a recording, TARGET, of BAG, a rosbag2: the estimator runs on its messages.
+
+    BAG is one of `jezero recording export`, one of `ros2 bag record` with the topics of `jezero ros2 bridge`, or
+    anybody's with odometry of vehicle and rover and UWB ranges: `--topic /odom=odometry --topic
+    /husky/odom=rover/odometry --topic /uwb/0=sensor/uwb`. `jezero info page ros2` lists what is read. TARGET can be
+    replayed through the estimator, with other settings too, and drawn as every recording.
+    """
+    require("a rosbag2", "rosbags")
+    from jezero.replay.rosbag import import_bag
+    from jezero.services.ros2_bridge.rows import ros_name
+
+    names = dict(_name_pair(text) for text in topics)
+    done = import_bag(bag, target, namespace=ros_name(vehicle), names=names)
+    for source, name, kind in done.sources:
+        click.echo(f"{source:<18} from {name} ({kind})")
+    for name, count in done.left_out.items():
+        click.echo(f"warning: {count} messages of {name} were left out: {done.reasons[name]}", err=True)
+    click.echo("settings: " + ("those of the flight" if done.has_settings else "estimator.toml and vehicle.toml"))
+    click.echo(
+        f"wrote {target}: {done.counts['estimate/relative']} estimates of the relative position; "
+        f"`jezero replay {target} --through estimator`"
+    )
+
+
+def _name_pair(text: str) -> tuple[str, str]:
+    """Name in ROS and name in jezero of a topic, from what the user has given."""
+    ros, equals, source = text.partition("=")
+    if not (ros and equals and source):
+        raise click.UsageError(f"--topic {text}: give the bag's name and jezero's, such as --topic /odom=odometry")
+    return ros if ros.startswith("/") else f"/{ros}", source
 
 
 @recording.command()

@@ -44,6 +44,7 @@ SECTIONS: dict[str, dict[str, Listed]] = {
         "preflight": Listed("jezero.cli.flight", "preflight", "Check what a pilot checks before a takeoff."),
         "takeoff": Listed("jezero.cli.flight", "takeoff", "Take off."),
         "target": Listed("jezero.cli.flight", "target", "Fly to a point."),
+        "velocity": Listed("jezero.cli.flight", "velocity", "Fly at a velocity, until Ctrl+C or for a time."),
         "land_on_spot": Listed("jezero.cli.flight", "land_on_spot", "Land."),
         "return": Listed("jezero.cli.flight", "return_home", "Fly home and land, on the rover if it is known."),
         "hover": Listed("jezero.cli.flight", "hover", "Hover here, or at a point."),

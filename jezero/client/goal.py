@@ -65,6 +65,8 @@ class Goal(Generic[F, R]):
         self._endpoint = action.endpoint
         self._timeout_s = timeout_s
         self._failure: JezeroError | None = None
+        self._feedback_t_ns = 0
+        """Vehicle time of the newest feedback."""
         self._follower = GoalFollower(unknown_max=UNKNOWN_MAX, gap_max_s=RECOVER_S)
         self._decode = decoder(self._endpoint.reply_type)
         self._arrivals = connection.stream(self._endpoint.name, encode(goal), GOAL_TIMEOUT_S)
@@ -223,6 +225,7 @@ class Goal(Generic[F, R]):
             self._connection.set_vehicle_time(reply.t_ns, may_have_waited=True)
         if not isinstance(reply, Feedback):
             return None
+        self._feedback_t_ns = reply.t_ns
         self.code, self.remaining_s, self.paused = reply.code, reply.remaining_s, reply.paused
         return cast(F, reply.feedback)
 

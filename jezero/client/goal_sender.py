@@ -14,6 +14,7 @@ from jezero.client.goal import Goal
 from jezero.client.images import ImagesGoal
 from jezero.client.session import Connection
 from jezero.client.status import REPLY_TIMEOUT_S, request_status
+from jezero.client.velocity import VelocityGoal
 from jezero.schemas.actions import PlanReply
 from jezero.schemas.goals import Goal as GoalPayload
 from jezero.schemas.rows import Action
@@ -86,6 +87,8 @@ class GoalSender:
         """
         if action.takes_pictures:
             return self.send_for_images(action, goal, fields)
+        if action.steered_by is not None:
+            return VelocityGoal(self._connection, action, self._make(action, goal, fields), REPLY_TIMEOUT_S)
         return Goal(self._connection, action, self._make(action, goal, fields), REPLY_TIMEOUT_S)
 
     def send_for_images(

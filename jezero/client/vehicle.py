@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self, TypeVar, overload
+from typing import Any, Self, TypeVar, cast, overload
 
 from jezero.client import control
 from jezero.client.actions import Actions
@@ -19,6 +19,7 @@ from jezero.client.rover import Rover
 from jezero.client.session import Connection
 from jezero.client.status import REPLY_TIMEOUT_S, check_preflight, request_status, wait_ready, watch_status
 from jezero.client.subscription import LatestValues, Subscription, call_for_each, topic_named
+from jezero.client.velocity import VelocityGoal
 from jezero.keys.bundle import INSECURE_VARIABLE, VARIABLE, endpoint_of
 from jezero.keys.members import KeysError
 from jezero.schemas import topics
@@ -28,6 +29,7 @@ from jezero.schemas.estimate import Relative, SetParameters
 from jezero.schemas.fence import Fence, FenceState
 from jezero.schemas.goals import (
     AreaCoverageGoal,
+    FlyVelocityGoal,
     Frame,
     GetImagesGoal,
     GoToGoal,
@@ -416,6 +418,22 @@ class Vehicle:
             on_client_loss=on_client_loss,
         )
         return self._goals.send(topics.GO_TO, goal)
+
+    def fly_velocity(
+        self, *, speed_max_mps: float | None = None, on_client_loss: OnClientLoss = "cancel"
+    ) -> VelocityGoal:
+        """Fly by velocity: the goal returned sends the commands, and ends at the end of a `with` block.
+
+        ```python
+        with uav.fly_velocity() as stick:
+            stick.send(forward_mps=1.0, yaw_rate_rps=0.2, for_s=5.0)
+        ```
+
+        Args:
+            speed_max_mps: greatest horizontal speed; None for the default.
+        """
+        goal = FlyVelocityGoal(speed_max_mps=speed_max_mps, on_client_loss=on_client_loss)
+        return cast(VelocityGoal, self._goals.send(topics.FLY_VELOCITY, goal))
 
     def land_on_spot(
         self,

@@ -94,6 +94,9 @@ class Steps:
         if action is None:
             self._problems.add(node.line, unknown("action", name, (*self._actions, *LOOPS)))
             return
+        if action.mission_refusal:
+            self._problems.add(node.line, action.mission_refusal)
+            return
         fields = {} if node.value is None else node.value
         if not isinstance(fields, dict):
             self._problems.add(node.line, f"{name} needs fields, as in `{name}: {{field: value}}`, not {node.in_words}")

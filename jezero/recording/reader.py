@@ -23,6 +23,9 @@ from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.topics import CAMERA, feedback_of, journal_of
 from jezero.schemas.units import NS_PER_S
 
+BAG_METADATA = "metadata.yaml"
+"""File in the folder of a rosbag2."""
+
 
 class Entry(NamedTuple):
     """One recorded message.
@@ -227,5 +230,9 @@ def open_recording(path: Path | str) -> Recording:
 def _recording_of(path: Path) -> Path:
     if not path.is_dir():
         return path
+    if (path / BAG_METADATA).exists():
+        raise RecordingError(
+            f"{path} is a rosbag2: `jezero recording import {path} flight.mcap` makes a recording of it"
+        )
     file = path / RECORDING
     return file if file.exists() else newest_recording(path) or file

@@ -7,14 +7,23 @@ from typing import NamedTuple
 from jezero.recording.channels import topic_of
 from jezero.recording.images import HEADERS
 from jezero.recording.mcap_file import McapFile, RecordingError
-from jezero.schemas.topics import CAMERA, CAMERA_PITCH, CLOCK, ROVER_COMMAND, SETPOINT, health_of, journal_of
+from jezero.schemas.topics import (
+    CAMERA,
+    CAMERA_PITCH,
+    CLOCK,
+    ROVER_COMMAND,
+    SETPOINT,
+    VELOCITY_COMMAND,
+    health_of,
+    journal_of,
+)
 from jezero.schemas.units import NS_PER_S
 
 STEP_NS = NS_PER_S // 10
 """Time of the flight that one step plays: the period of the clock and of the status."""
 LATENESS_MAX_NS = NS_PER_S // 2
 """A player that is later, e.g. because its process was stopped, doesn't catch up."""
-COMMANDS = frozenset(topic.name for topic in (CLOCK, SETPOINT, CAMERA_PITCH, ROVER_COMMAND))
+COMMANDS = frozenset(topic.name for topic in (CLOCK, SETPOINT, CAMERA_PITCH, ROVER_COMMAND, VELOCITY_COMMAND))
 """Topics that move something, or vehicle time, where a service reads them."""
 _JOURNAL, _ROUTER = journal_of("").name, health_of("router").name
 

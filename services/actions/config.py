@@ -8,6 +8,7 @@ from msgspec.structs import replace
 from jezero.base.config import Config, ConfigError, load_config
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.services.actions.area_coverage.config import AreaCoverageConfig
+from jezero.services.actions.fly_velocity.config import FlyVelocityConfig
 from jezero.services.actions.get_images.config import GetImagesConfig
 from jezero.services.actions.land_on_spot.config import LandOnSpotConfig
 from jezero.services.actions.motion.config import CaptureConfig, MoveConfig, Positive, TrackingConfig
@@ -74,6 +75,7 @@ class ActionsConfig(Config, frozen=True, kw_only=True):
         tracking: tracking of a moving reference.
         takeoff: settings of the action `takeoff`.
         go_to: settings of the action `go_to`.
+        fly_velocity: settings of the action `fly_velocity`.
         get_images: settings of the action `get_images`.
         area_coverage: settings of the action `area_coverage`.
         land_on_spot: settings of the action `land_on_spot`.
@@ -87,6 +89,7 @@ class ActionsConfig(Config, frozen=True, kw_only=True):
     tracking: TrackingConfig = TrackingConfig()
     takeoff: TakeoffConfig = TakeoffConfig()
     go_to: GoToConfig = GoToConfig()
+    fly_velocity: FlyVelocityConfig = FlyVelocityConfig()
     get_images: GetImagesConfig = GetImagesConfig()
     area_coverage: AreaCoverageConfig = AreaCoverageConfig()
     land_on_spot: LandOnSpotConfig = LandOnSpotConfig()

@@ -8,9 +8,19 @@ import msgspec
 
 from jezero.base.config import ConfigError, config_directory, load_config
 from jezero.base.plugins import PluginError, load_declaration
-from jezero.schemas.topics import ACTIONS, AREA_COVERAGE, GET_IMAGES, GO_TO, LAND_ON_SPOT, RETURN_HOME, TAKEOFF
+from jezero.schemas.topics import (
+    ACTIONS,
+    AREA_COVERAGE,
+    FLY_VELOCITY,
+    GET_IMAGES,
+    GO_TO,
+    LAND_ON_SPOT,
+    RETURN_HOME,
+    TAKEOFF,
+)
 from jezero.services.actions.area_coverage.planner import AreaCoveragePlanner
 from jezero.services.actions.config import ActionsConfig, load_actions_config
+from jezero.services.actions.fly_velocity.behaviour import FlyVelocityPlanner
 from jezero.services.actions.get_images.planner import GetImagesPlanner
 from jezero.services.actions.go_to import GoToPlanner
 from jezero.services.actions.land_on_spot.planner import LandOnSpotPlanner
@@ -24,6 +34,7 @@ from jezero.services.actions.takeoff import TakeoffPlanner
 PLANNERS: dict[str, Callable[[ActionsConfig], Planner]] = {
     TAKEOFF.name: TakeoffPlanner,
     GO_TO.name: GoToPlanner,
+    FLY_VELOCITY.name: FlyVelocityPlanner,
     GET_IMAGES.name: GetImagesPlanner,
     LAND_ON_SPOT.name: LandOnSpotPlanner,
     AREA_COVERAGE.name: AreaCoveragePlanner,

@@ -314,6 +314,8 @@ class MissionService:
             action = self._actions.get(step.action)
             if action is None:
                 return f"step {number}: {unknown('action', step.action, self._actions)}"
+            if action.mission_refusal:
+                return f"step {number}, {step.label}: {action.mission_refusal}"
             try:
                 goal_of(action, step.goal, "check", 0)
             except msgspec.ValidationError as error:

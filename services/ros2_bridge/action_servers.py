@@ -3,6 +3,7 @@
 ROS rejects a goal without a word, so that the reason goes to the topic `refusals`.
 """
 
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -19,8 +20,8 @@ from jezero.client.goal import Goal
 from jezero.client.goal_sender import action_named
 from jezero.client.vehicle import Vehicle
 from jezero.schemas.rows import Action
-from jezero.schemas.topics import ACTIONS
-from jezero.services.ros2_bridge.fields import from_ros, interface_name, to_ros
+from jezero.services.ros2_bridge.fields import ROS_ACTIONS, from_ros, interface_name, to_ros
+from jezero.services.ros2_bridge.limits import RequestLimit
 from jezero.services.ros2_bridge.messages import fill, message_class
 
 POLL_S = 0.1
@@ -46,23 +47,24 @@ class Conversion:
     result: Callable[[Any], Mapping[str, Any]]
 
 
-def serve_actions(node: Node, uav: Vehicle, refuse: Refuse, is_ending: Callable[[], bool]) -> None:
-    """Make an action server for each action of jezero, and one for any action.
+def serve_actions(node: Node, uav: Vehicle, limit: RequestLimit, refuse: Refuse, is_ending: Callable[[], bool]) -> None:
+    """Make an action server for each action of `ROS_ACTIONS`, and one for any action.
 
     Args:
+        limit: of the goals that reach the vehicle.
         is_ending: whether the bridge is about to end: then its clients get the result `lost`, and goals fly on.
 
     Raises:
         MissingTypesError: jezero_interfaces is not in this ROS environment.
     """
-    for name, action in ACTIONS.items():
-        _Server(node, name, _conversion(uav, action), refuse, is_ending)
+    for name, action in ROS_ACTIONS.items():
+        _Server(node, name, _conversion(uav, action), limit, refuse, is_ending)
     any_action = Conversion(
         lambda goal: _send_any(uav, goal.action, goal.goal_json),
         lambda feedback: {"feedback_json": _json(feedback)},
         lambda result: {"result_json": _json(result)},
     )
-    _Server(node, FLY_ACTION, any_action, refuse, is_ending)
+    _Server(node, FLY_ACTION, any_action, limit, refuse, is_ending)
 
 
 def _conversion(uav: Vehicle, action: Action[Any]) -> Conversion:
@@ -97,9 +99,16 @@ class _Server:
     """
 
     def __init__(
-        self, node: Node, name: str, conversion: Conversion, refuse: Refuse, is_ending: Callable[[], bool]
+        self,
+        node: Node,
+        name: str,
+        conversion: Conversion,
+        limit: RequestLimit,
+        refuse: Refuse,
+        is_ending: Callable[[], bool],
     ) -> None:
         self._name, self._conversion, self._refuse, self._is_ending = name, conversion, refuse, is_ending
+        self._limit = limit
         self._type = message_class(f"jezero_interfaces/action/{interface_name(name)}")
         self._accepted: dict[int, Goal[Any, Any]] = {}
         """Goals that fly already, by the identity of their request: rclpy passes that on to `_execute`."""
@@ -114,6 +123,10 @@ class _Server:
         )
 
     def _on_goal(self, request: Any) -> GoalResponse:
+        if reason := self._limit.refusal(time.monotonic()):
+            if self._limit.refused == 1:  # a flood is told once
+                self._refuse(self._name, reason)
+            return GoalResponse.REJECT
         try:
             goal = self._conversion.send(request)
         except (JezeroError, ValueError) as error:

@@ -14,6 +14,7 @@ from jezero.base.frames import (
     q_enu_from_flu,
     q_frd_from_camera,
     quat_conjugate,
+    quat_from_euler,
     quat_multiply,
     quat_rotate,
     rotate_yaw,
@@ -89,6 +90,7 @@ class Context:
     Attributes:
         q_ned_from_frd: newest attitude; upright before the first.
         camera_info: newest intrinsics; None before the first.
+        parameters_version: newest version of the estimator's parameters; None before its first estimate.
         trail_ned_m: where the vehicle has been, oldest first.
     """
 
@@ -97,6 +99,7 @@ class Context:
         self.config = config
         self.q_ned_from_frd: Quat = UPRIGHT
         self.camera_info: CameraInfo | None = None
+        self.parameters_version: int | None = None
         self.trail_ned_m: deque[Vec3] = deque(maxlen=TRAIL_MAX)
 
     def notice(self, message: object) -> None:
@@ -105,6 +108,8 @@ class Context:
             self.q_ned_from_frd = message.q_ned_from_frd
         elif isinstance(message, CameraInfo):
             self.camera_info = message
+        elif isinstance(message, Relative):
+            self.parameters_version = message.parameters_version
 
     def extend_trail(self, pos_uav_ned_m: Vec3) -> bool:
         """Add a position to the trail; false while it is near the last one."""
@@ -277,7 +282,8 @@ def relative_pose(m: Relative, context: Context) -> RosMessage | None:
 def rover_odometry(m: RoverOdometry, context: Context) -> RosMessage:
     north_m, east_m = m.pos_odom_m
     moving = twist((m.speed_rover_body_mps, 0.0, 0.0), (0.0, 0.0, -m.yaw_rate_rover_rps))
-    at = pose((east_m, north_m, 0.0), q_enu_from_heading(m.yaw_rover_rad))
+    attitude = q_enu_from_flu(quat_from_euler(m.roll_rover_rad, m.pitch_rover_rad, m.yaw_rover_rad))
+    at = pose((east_m, north_m, 0.0), attitude)
     fields = {
         "header": header(m.t_ns, context.frame("rover_odom")),
         "child_frame_id": context.frame("rover"),

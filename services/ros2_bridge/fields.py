@@ -13,8 +13,11 @@ import msgspec
 from msgspec import inspect as types
 
 from jezero.base.frames import enu_from_ned, ned_from_enu, wrap_pi
+from jezero.schemas.topics import ACTIONS
 from jezero.services.ros2_bridge.geometry import point
 
+ROS_ACTIONS = {name: action for name, action in ACTIONS.items() if action.steered_by is None}
+"""The actions of ROS: all but those that a client steers, for which there is `cmd_vel`."""
 LEFT_OUT = ("goal_id", "issued_t_ns", "plan_from_ned_m")
 """Fields of a goal that ROS does not have: its goals have ids of their own, and the client sets the time."""
 HEADINGS = ("yaw_rad", "angle_rad")

@@ -12,7 +12,15 @@ from jezero.services.ros2_bridge.rows import DEPTH, Quality
 
 
 class MissingTypesError(Exception):
-    """A package of message types isn't there; the text says which one."""
+    """A package of message types isn't there; the text says which one.
+
+    Attributes:
+        package: the package.
+    """
+
+    def __init__(self, name: str, package: str) -> None:
+        super().__init__(f"{name} is not in this ROS environment: install the package {package}")
+        self.package = package
 
 
 @lru_cache
@@ -26,7 +34,7 @@ def message_class(name: str) -> Any:
     try:
         return getattr(import_module(f"{package}.{kind}"), word)
     except (ImportError, AttributeError):
-        raise MissingTypesError(f"{name} is not in this ROS environment: install the package {package}") from None
+        raise MissingTypesError(name, package) from None
 
 
 def build(message: RosMessage) -> Any:

@@ -4,11 +4,13 @@ Each topic of jezero has a thread of its own, which waits for messages, converts
 in ROS that is slow or stuck delays nobody. Images are large, and fetched only while somebody subscribes to them.
 """
 
+import os
 import signal
 import threading
 import time
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import rclpy
@@ -29,10 +31,13 @@ from jezero.schemas.state import Clock, Status
 from jezero.schemas.units import NS_PER_S
 from jezero.services.ros2_bridge import conversions
 from jezero.services.ros2_bridge.action_servers import serve_actions
+from jezero.services.ros2_bridge.cmd_vel import CmdVel
 from jezero.services.ros2_bridge.conversions import Context
 from jezero.services.ros2_bridge.geometry import RosMessage
+from jezero.services.ros2_bridge.limits import RequestLimit
 from jezero.services.ros2_bridge.messages import MissingTypesError, build, message_class, quality_of
 from jezero.services.ros2_bridge.requests import EstimatorParameters, GoalPose, serve_kill, serve_requests
+from jezero.services.ros2_bridge.rover_node import RoverBridge, RoverTopics
 from jezero.services.ros2_bridge.rows import ROWS, TF, Quality, RosTopic, ros_name, sources
 
 CLOCK_HZ = 100.0
@@ -44,6 +49,10 @@ END_S = 1.0
 """Time in which clients of ROS get their last results."""
 THREADS = 12
 """A goal in flight keeps one, and a request until the vehicle replies."""
+
+FASTDDS_PROFILES, FASTRTPS_PROFILES = "FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE"
+"""Variables that name FastDDS's settings, in its version 3 and in version 2, which Jazzy has."""
+FASTDDS_TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 
 
 class VehicleTime:
@@ -80,16 +89,19 @@ class Bridge:
 
     Attributes:
         invalid: number of messages that could not be decoded.
+        time: vehicle time between two clocks.
     """
 
     def __init__(self, node: Node, uav: Vehicle, context: Context, *, uses_clock: bool = True) -> None:
         self._node, self._uav, self._context = node, uav, context
         self.invalid = 0
-        self._time = VehicleTime()
+        self.time = VehicleTime()
         self._publishers: dict[tuple[str, str], Any] = {}
         self._rows: dict[str, list[RosTopic]] = {}
         self._images: Subscription[Any] | None = None
         self._planned = ""
+        self._missing: set[str] = set()
+        """Packages of types that the environment lacks."""
         for row in ROWS:
             if self._publisher(row.name, row.type, row.quality) is not None:
                 self._rows.setdefault(row.source.name, []).append(row)
@@ -100,7 +112,7 @@ class Bridge:
         for source in sources():
             if source is not topics.CAMERA:
                 self._follow(source, partial(self._on_message, source.name))
-        self._follow(topics.CLOCK, self._time.on_clock)
+        self._follow(topics.CLOCK, self.time.on_clock)
         wall = RosClock(clock_type=ClockType.STEADY_TIME)
         # Groups of their own: a request on the node's parameters may wait for the vehicle.
         own = MutuallyExclusiveCallbackGroup
@@ -114,7 +126,9 @@ class Bridge:
             try:
                 made = self._node.create_publisher(message_class(kind), name, quality_of(quality))
             except MissingTypesError as error:
-                self._node.get_logger().warning(f"{name} is left out: {error}")
+                if error.package not in self._missing:
+                    self._missing.add(error.package)
+                    self._node.get_logger().warning(f"{name} and all else of {error.package} is left out: {error}")
                 made = None
             self._publishers[name, kind] = made
         return self._publishers[name, kind]
@@ -150,7 +164,7 @@ class Bridge:
             self._publish_plan(message)
 
     def _publish_clock(self) -> None:
-        t_ns = self._time.now_ns()
+        t_ns = self.time.now_ns()
         if t_ns is not None and self._clock is not None:
             self._clock.publish(build(conversions.clock(t_ns)))
 
@@ -175,14 +189,25 @@ class Bridge:
         self._plan.publish(build(conversions.path(status.t_ns, way_ned_m, self._context)))
 
 
-def serve(node: Node, uav: Vehicle, context: Context, is_ending: Callable[[], bool], *, commands: bool) -> None:
+def serve(
+    node: Node,
+    uav: Vehicle,
+    context: Context,
+    is_ending: Callable[[], bool],
+    now_ns: Callable[[], int | None],
+    *,
+    commands: bool,
+    rover: RoverTopics | None,
+) -> None:
     """Make what clients of ROS request: actions, services, parameters, and the topic `goal_pose`.
 
     What this ROS environment or the vehicle lacks is left out, which is logged in one sentence.
 
     Args:
         is_ending: whether the bridge is about to end.
-        commands: whether a message on `goal_pose` flies the vehicle.
+        now_ns: vehicle time; None while it is unknown.
+        commands: whether messages on `goal_pose` and `cmd_vel` fly the vehicle.
+        rover: the rover in ROS; None for none.
     """
     log = node.get_logger()
     refusals = node.create_publisher(message_class("std_msgs/msg/String"), "refusals", quality_of("state"))
@@ -191,21 +216,41 @@ def serve(node: Node, uav: Vehicle, context: Context, is_ending: Callable[[], bo
         log.warning(f"{what} was refused: {reason}")
         refusals.publish(build(RosMessage("std_msgs/msg/String", {"data": f"{what}: {reason}"})))
 
-    serve_requests(node, uav)
+    limit = RequestLimit()
+    serve_requests(node, uav, limit)
     try:
         serve_kill(node, uav)
-        serve_actions(node, uav, refuse, is_ending)
+        serve_actions(node, uav, limit, refuse, is_ending)
     except MissingTypesError as error:
         log.warning(f"actions and the service kill are left out: {error} (deploy/ros2 of jezero)")
     try:
-        EstimatorParameters(node, uav)
+        EstimatorParameters(node, uav, context, limit)
     except JezeroError as error:
         log.warning(f"the estimator's parameters are left out: {error}")
     if commands:
         GoalPose(node, uav, context, refuse)
+        CmdVel(node, uav, context, refuse, now_ns)
+    if rover is not None:
+        passed_on = RoverBridge(node, rover, refuse, now_ns)
+        uav.subscribe(topics.ROVER_COMMAND, passed_on.on_command)
 
 
-def run_bridge(uav: Vehicle, vehicle: str, config: VehicleConfig, *, uses_clock: bool, commands: bool) -> None:
+def _make_room_for_images() -> None:
+    """Let FastDDS pass images through shared memory, unless the user has chosen its settings."""
+    if not any(name in os.environ for name in (FASTDDS_PROFILES, FASTRTPS_PROFILES, FASTDDS_TRANSPORTS)):
+        variable = FASTRTPS_PROFILES if os.environ.get("ROS_DISTRO") == "jazzy" else FASTDDS_PROFILES
+        os.environ[variable] = str(Path(__file__).with_name("fastdds.xml"))
+
+
+def run_bridge(
+    uav: Vehicle,
+    vehicle: str,
+    config: VehicleConfig,
+    *,
+    uses_clock: bool,
+    commands: bool,
+    rover: RoverTopics | None,
+) -> None:
     """Run the bridge until Ctrl+C or SIGTERM.
 
     Args:
@@ -214,8 +259,10 @@ def run_bridge(uav: Vehicle, vehicle: str, config: VehicleConfig, *, uses_clock:
         config: its dimensions.
         uses_clock: whether `/clock` is published.
         commands: as in `serve`.
+        rover: as in `serve`.
     """
     ending = threading.Event()
+    _make_room_for_images()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, frame: ending.set())
@@ -225,8 +272,8 @@ def run_bridge(uav: Vehicle, vehicle: str, config: VehicleConfig, *, uses_clock:
     executor = MultiThreadedExecutor(THREADS)
     executor.add_node(node)
     try:
-        Bridge(node, uav, context, uses_clock=uses_clock)
-        serve(node, uav, context, ending.is_set, commands=commands)
+        bridge = Bridge(node, uav, context, uses_clock=uses_clock)
+        serve(node, uav, context, ending.is_set, bridge.time.now_ns, commands=commands, rover=rover)
         node.get_logger().info(f"{vehicle} is in /{name}")
         while not ending.is_set():
             executor.spin_once(SPIN_S)

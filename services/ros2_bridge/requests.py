@@ -1,10 +1,14 @@
 """Services, parameters and the topic `goal_pose` of the bridge: requests from ROS to the vehicle."""
 
+import threading
+import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -15,11 +19,13 @@ from jezero.client.vehicle import Vehicle
 from jezero.schemas.estimate import SetParameters
 from jezero.services.ros2_bridge.conversions import Context
 from jezero.services.ros2_bridge.fields import POINT, RosField, ros_fields
+from jezero.services.ros2_bridge.limits import POSE_PERIOD_S, RequestLimit
 from jezero.services.ros2_bridge.messages import message_class
 from jezero.services.ros2_bridge.rows import ABORT, HOVER, KILL, RETURN_HOME, RosService
 
 Refuse = Callable[[str, str], None]
 """Publishes what was refused, and why."""
+FOLLOW_PERIOD_S = 1.0
 PREFIX = "estimator."
 """Begins the names of the estimator's parameters."""
 
@@ -32,8 +38,12 @@ class _Point(NamedTuple):
     z: float
 
 
-def serve_requests(node: Node, uav: Vehicle) -> None:
-    """Make the services `hover`, `abort` and `return_home`."""
+def serve_requests(node: Node, uav: Vehicle, limit: RequestLimit) -> None:
+    """Make the services `hover`, `abort` and `return_home`.
+
+    Args:
+        limit: of the goals that reach the vehicle; services that end a goal have limits of their own.
+    """
 
     def hover(request: Any) -> str:
         uav.hover()
@@ -45,9 +55,9 @@ def serve_requests(node: Node, uav: Vehicle) -> None:
     def return_home(request: Any) -> str:
         return f"goal {uav.return_home().goal_id} flies home"
 
-    _serve(node, HOVER, hover)
-    _serve(node, ABORT, abort)
-    _serve(node, RETURN_HOME, return_home)
+    _serve(node, HOVER, hover, RequestLimit())
+    _serve(node, ABORT, abort, RequestLimit())
+    _serve(node, RETURN_HOME, return_home, limit)
 
 
 def serve_kill(node: Node, uav: Vehicle) -> None:
@@ -61,13 +71,16 @@ def serve_kill(node: Node, uav: Vehicle) -> None:
         uav.kill(confirm=request.confirm, vehicle=request.vehicle)
         return "the motors are off"
 
-    _serve(node, KILL, kill)
+    _serve(node, KILL, kill, RequestLimit())
 
 
-def _serve(node: Node, service: RosService, ask: Callable[[Any], str]) -> None:
+def _serve(node: Node, service: RosService, ask: Callable[[Any], str], limit: RequestLimit) -> None:
     """Make a service whose response is a success with a sentence, or a failure with its reason."""
 
     def on_request(request: Any, response: Any) -> Any:
+        if reason := limit.refusal(time.monotonic()):
+            response.message, response.success = reason, False
+            return response
         try:
             response.message = ask(request)
             response.success = True
@@ -79,23 +92,52 @@ def _serve(node: Node, service: RosService, ask: Callable[[Any], str]) -> None:
 
 
 class EstimatorParameters:
-    """The estimator's parameters as parameters of the node, with the values that they have at its start.
+    """The estimator's parameters as parameters of the node, which follow changes that others make.
+
+    Args:
+        context: has the newest version of the parameters.
+        limit: of the changes that reach the vehicle.
 
     Raises:
         JezeroError: the estimator does not reply.
     """
 
-    def __init__(self, node: Node, uav: Vehicle) -> None:
-        self._uav = uav
+    def __init__(self, node: Node, uav: Vehicle, context: Context, limit: RequestLimit) -> None:
+        self._node, self._uav, self._context, self._limit = node, uav, context, limit
+        self._version = context.parameters_version
+        self._follower: int | None = None
+        """Thread that sets the node's parameters to what the estimator has already."""
         self._fields = {PREFIX + field.name: field for field in ros_fields(SetParameters)}
         values = uav.estimator_parameters()
         for name, field in self._fields.items():
             node.declare_parameter(name, _parameter_value(field, getattr(values, field.source)))
         node.add_on_set_parameters_callback(self._on_set)
+        wall = Clock(clock_type=ClockType.STEADY_TIME)
+        node.create_timer(FOLLOW_PERIOD_S, self._follow, clock=wall, callback_group=MutuallyExclusiveCallbackGroup())
+
+    def _follow(self) -> None:
+        """Take over what others have changed."""
+        version = self._context.parameters_version
+        if version == self._version:
+            return
+        try:
+            values = self._uav.estimator_parameters()
+        except JezeroError:
+            return
+        found = {name: _parameter_value(field, getattr(values, field.source)) for name, field in self._fields.items()}
+        self._follower = threading.get_ident()
+        self._node.set_parameters(
+            [Parameter(name, value=value) for name, value in found.items() if value is not Parameter.Type.DOUBLE_ARRAY]
+        )
+        self._follower, self._version = None, version
 
     def _on_set(self, parameters: list[Parameter]) -> SetParametersResult:
         """Set the estimator's parameters among those that are set, all or none."""
+        if threading.get_ident() == self._follower:
+            return SetParametersResult(successful=True)
         given = {self._fields[p.name]: p.value for p in parameters if p.name in self._fields}
+        if given and (reason := self._limit.refusal(time.monotonic())):
+            return SetParametersResult(successful=False, reason=reason)
         try:
             if given:
                 values = {field.source: _value(field, value) for field, value in given.items()}
@@ -130,7 +172,8 @@ class GoalPose:
     """Flies to the pose of each message on `goal_pose`, as RViz publishes it.
 
     A pose without a height, as RViz draws it, keeps the present height; one without an orientation the heading. A pose
-    that arrives during the flight to the last one changes the target of that flight.
+    that arrives during the flight to the last one changes the target of that flight. Of poses that arrive faster than
+    they are flown to, the newest is taken: the subscription keeps only that one until this thread is ready.
     """
 
     def __init__(self, node: Node, uav: Vehicle, context: Context, refuse: Refuse) -> None:
@@ -147,6 +190,7 @@ class GoalPose:
             self._fly(message.pose)
         except (JezeroError, ValueError) as error:
             self._refuse("goal_pose", str(error))
+        time.sleep(POSE_PERIOD_S)
 
     def _fly(self, pose: Any) -> None:
         at, q = pose.position, pose.orientation

@@ -11,9 +11,10 @@ from typing import Any, Literal
 
 from jezero.schemas import topics
 from jezero.schemas.health import ServiceHealth
-from jezero.schemas.rows import Topic
+from jezero.schemas.rows import Endpoint, Topic
 from jezero.services.ros2_bridge import conversions as make
 from jezero.services.ros2_bridge.conversions import Context
+from jezero.services.ros2_bridge.exact import to_exact, type_name, with_parts
 from jezero.services.ros2_bridge.geometry import RosMessage
 
 Quality = Literal["sensor", "state", "latched"]
@@ -48,6 +49,18 @@ class RosTopic:
 EVERY_HEALTH: Topic[ServiceHealth] = Topic("health/*", ServiceHealth, 1.0, "every service")
 TF = "tf2_msgs/msg/TFMessage"
 POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+EXACT = "jezero/"
+"""Begins the names of topics with whole messages of jezero."""
+
+
+def exact_name(source: Topic[Any] | Endpoint[Any, Any]) -> str:
+    """Name in ROS of a topic with whole messages of jezero."""
+    return EXACT + source.name.removeprefix("@")
+
+
+def _exact(source: Topic[Any], about: str) -> RosTopic:
+    return RosTopic(exact_name(source), type_name(source.struct), source, lambda m, _: to_exact(m), "state", about)
+
 
 ROWS: tuple[RosTopic, ...] = (
     RosTopic(
@@ -170,8 +183,18 @@ ROWS: tuple[RosTopic, ...] = (
         "latched",
         "green: stay inside; red: stay outside",
     ),
+    _exact(topics.CLOCK, "vehicle time, and the id of its epoch"),
+    _exact(topics.ODOMETRY, "in NED, with epoch and resets"),
+    _exact(topics.UWB, "one round of ranges, each with its time and its anchor's number and position"),
+    _exact(topics.ALTIMETER, "its range in 64 bits"),
+    _exact(topics.ROVER_ODOMETRY, "in NED, with the tilt of the platform"),
+    _exact(topics.ESTIMATE_TAG, "the vehicle's position by the tags of one image, in NED, with its covariance"),
 )
 """Every topic that the bridge publishes, beside `/clock` and `/tf_static`."""
+EXACT_ROWS = tuple(row for row in ROWS if row.name.startswith(EXACT))
+"""Whole messages of jezero: all that the estimator reads."""
+REQUESTS = (topics.SET_PARAMETERS, topics.LEASE)
+"""Requests to the estimator, which a bag of a recording has as messages: they decide which inputs are fused."""
 
 
 @dataclass(frozen=True)
@@ -197,6 +220,12 @@ KILL = RosService(
     "kill", "jezero_interfaces/srv/Kill", "stop the motors, also in the air, with `confirm` and the vehicle's name"
 )
 SERVICES = (HOVER, ABORT, RETURN_HOME, KILL)
+
+
+def exact_structs() -> dict[str, Any]:
+    """The structs of all whole messages in ROS and in bags, by their names in ROS."""
+    own = [row.source.struct for row in EXACT_ROWS]
+    return with_parts([*own, topics.TRUTH.struct, *(request.request_type for request in REQUESTS)])
 
 
 def sources() -> Iterator[Topic[Any]]:

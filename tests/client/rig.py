@@ -16,7 +16,8 @@ from jezero import Vehicle
 from jezero.base.zenoh_client import client_config
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, Feedback, Result
-from jezero.schemas.goals import MoveFeedback, MoveResult
+from jezero.schemas.commands import VelocityCommand
+from jezero.schemas.goals import MoveFeedback, MoveResult, VelocityFeedback, VelocityResult
 from jezero.schemas.rows import Topic
 from jezero.schemas.state import Odometry, Status, StatusCode
 from jezero.schemas.struct import Message, Payload
@@ -178,6 +179,54 @@ def published(server: Server, make: Callable[[int], Message], topic: Topic[Any] 
     finally:
         stop.set()
         publisher.join()
+
+
+def velocity_feedback(t_ns: int, limited_by: str = "") -> Feedback[VelocityFeedback]:
+    content = VelocityFeedback(pos_uav_ned_m=POINT, follows=True, limited_by=limited_by)
+    return Feedback(goal_id="g", t_ns=t_ns, code=14, feedback=content)
+
+
+@contextmanager
+def steerable(server: Server, stall_s: float = 0.0) -> Iterator[list[VelocityCommand]]:
+    """An action server of `fly_velocity`, whose goal ends with the last command; yields the commands that it gets.
+
+    Vehicle time begins at 1 s and grows by 0.1 s with each feedback. It stands still once, after the first command.
+
+    Args:
+        stall_s: how long it stands still.
+    """
+    action, commands, stop = topics.FLY_VELOCITY.endpoint.name, list[VelocityCommand](), threading.Event()
+    server.serve(action, ACCEPTED, end=False)
+
+    def on_command(sample: zenoh.Sample) -> None:
+        commands.append(msgspec.json.decode(sample.payload.to_bytes(), type=VelocityCommand))
+
+    key = topics.key("v", topics.VELOCITY_COMMAND.name)
+    subscriber = server.session.declare_subscriber(key, on_command)
+
+    def serve() -> None:
+        t_ns, stall_left_s = 1_000_000_000, stall_s
+        while not stop.wait(0.02):
+            if commands and stall_left_s:
+                stop.wait(stall_left_s)
+                stall_left_s = 0.0
+            for query in server.open.get(action, ()):
+                server.reply(query, velocity_feedback(t_ns, "the fence"))
+            t_ns += 100_000_000
+            if any(command.is_last for command in commands) and action in server.open:
+                (query,) = server.open.pop(action)
+                ended = VelocityResult(completed=True, pos_uav_ned_m=POINT)
+                server.reply(query, Result(goal_id="g", t_ns=t_ns, outcome="succeeded", result=ended))
+                server.end(query)
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    try:
+        yield commands
+    finally:
+        stop.set()
+        thread.join()
+        subscriber.undeclare()  # type: ignore[no-untyped-call]
 
 
 @contextmanager

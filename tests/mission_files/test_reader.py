@@ -111,6 +111,7 @@ WRONG = [
     ("areas: {a: {fiel: x}}\nsteps: [takeoff]\n", 1, "the area 'a' needs {file: NAME}"),
     ("on_failure: {retries: 99}\nsteps: [takeoff]\n", 1, "retries: expected a whole number from 0 to 10"),
     ("on_failure: {then: cry}\nsteps: [takeoff]\n", 1, "then: stop, skip, return or land"),
+    (HEAD + "  - fly_velocity: {speed_max_mps: 2}\n", 4, "fly_velocity follows the commands of a client"),
     (HEAD + "  - takeof: {altitude_m: 2}\n", 4, "there is no action 'takeof'; did you mean 'takeoff'?"),
     (HEAD + "  - go_to: {target_ned_m: rok}\n", 4, "no point or area 'rok'; did you mean 'rock'? Known are rock"),
     (HEAD + "  - go_to: {target_ned_m: square}\n", 4, "'square' is an area, and target_ned_m is a point"),

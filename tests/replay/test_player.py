@@ -12,10 +12,11 @@ from jezero.recording import RecordingError, open_recording
 from jezero.recording.images import HEADERS, ImageFormat
 from jezero.recording.viewer_scene import ViewerScene
 from jezero.recording.writer import RecordingWriter
-from jezero.replay.player import STEP_NS, Player, ReplayMessage, choose_topics, is_published, replay_messages
+from jezero.replay.player import COMMANDS, STEP_NS, Player, ReplayMessage, choose_topics, is_published, replay_messages
 from jezero.schemas import topics
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.journal import JournalPart
+from jezero.schemas.rows import CLIENTS, GOAL_IN_CHARGE
 from jezero.schemas.sensors import CameraFrame
 from tests.client.rig import ODOMETRY
 from tests.recording.rig import SECOND_NS, record
@@ -223,3 +224,7 @@ def test_an_image_is_read_with_its_own_header(recording: Path) -> None:
     images: Iterator[ReplayMessage] = replay_messages(recording, {"sensor/camera"}, SECOND_NS)
     for sequence, image in enumerate(images, 10):
         assert f'"sequence":{sequence},'.encode() in image.data and b"png" in image.image
+
+
+def test_what_clients_and_goals_publish_counts_as_commands() -> None:
+    assert {topic.name for topic in topics.TOPICS if topic.writer in (CLIENTS, GOAL_IN_CHARGE)} <= COMMANDS

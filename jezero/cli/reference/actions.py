@@ -29,6 +29,11 @@ EXAMPLES = {
         "jezero target -1 -2 -3 --speed 1.5",
         "uav.go_to(-1.0, -2.0, -3.0, speed_mps=1.5)",
     ),
+    "fly_velocity": Example(
+        goals.FlyVelocityGoal(speed_max_mps=2.0, on_client_loss="cancel"),
+        "jezero velocity 1.0 --for 5",
+        "uav.fly_velocity(speed_max_mps=2.0)",
+    ),
     "get_images": Example(
         goals.GetImagesGoal(center_ned_m=(-2.0, 0.0, -4.0), radius_m=2.0, num_images=4, frame="rover"),
         "jezero getimages -2 0 -4 2 4 rover",

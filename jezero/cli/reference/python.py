@@ -29,7 +29,12 @@ SECTIONS: dict[str, tuple[str, tuple[str, ...]]] = {
     "Vehicle": ("`from jezero import Vehicle`", ("jezero.client.vehicle.Vehicle",)),
     "Goals": (
         "What the methods of a vehicle that send a goal return.",
-        ("jezero.client.goal.Goal", "jezero.client.images.ImagesGoal", "jezero.client.images.Picture"),
+        (
+            "jezero.client.goal.Goal",
+            "jezero.client.velocity.VelocityGoal",
+            "jezero.client.images.ImagesGoal",
+            "jezero.client.images.Picture",
+        ),
     ),
     "Actions of the stack": (
         "The attribute `actions` of a vehicle.",
@@ -75,6 +80,7 @@ SECTIONS: dict[str, tuple[str, tuple[str, ...]]] = {
         (
             "jezero.aio.vehicle.Vehicle",
             "jezero.aio.goal.Goal",
+            "jezero.aio.goal.VelocityGoal",
             "jezero.aio.goal.ImagesGoal",
             "jezero.aio.subscription.Subscription",
             "jezero.aio.rover.Rover",

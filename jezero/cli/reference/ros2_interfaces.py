@@ -1,7 +1,7 @@
-"""The definitions of jezero's actions in ROS: `python -m jezero.cli.reference.ros2_interfaces` writes them anew.
+"""Definitions of actions and messages in ROS: `python -m jezero.cli.reference.ros2_interfaces` writes them.
 
-They are the files of `deploy/ros2/jezero_interfaces/action`, made from the structs of goals, feedback and results by
-the rules of `jezero.services.ros2_bridge.fields`.
+The files of `deploy/ros2/jezero_interfaces/action` are made from the structs of goals, feedback and results by the
+rules of `jezero.services.ros2_bridge.fields`; those of `msg` are whole messages of jezero, by the rules of `exact`.
 """
 
 import textwrap
@@ -13,12 +13,14 @@ import msgspec
 
 from jezero.cli.reference.words import Field, description_of, fields_of
 from jezero.schemas.rows import Action
-from jezero.schemas.topics import ACTIONS
-from jezero.services.ros2_bridge.fields import AS_JSON, RosField, interface_name, ros_fields
+from jezero.services.ros2_bridge.exact import STAMP, ExactField, exact_fields
+from jezero.services.ros2_bridge.fields import AS_JSON, ROS_ACTIONS, RosField, interface_name, ros_fields
+from jezero.services.ros2_bridge.rows import exact_structs
 
-FOLDER = Path(__file__).parents[3] / "deploy" / "ros2" / "jezero_interfaces" / "action"
+FOLDER = Path(__file__).parents[3] / "deploy" / "ros2" / "jezero_interfaces"
 WIDTH = 118
 MADE = "Made from jezero's contract by `python -m jezero.cli.reference.ros2_interfaces`: don't change it by hand."
+EXACT_ABOUT = "A whole message of jezero, with its names, axes and units: NED, body FRD, quaternions w, x, y, z."
 END = """# How the goal ended: `succeeded`, `canceled`, `aborted`; or `lost`: the bridge lost the vehicle, and the goal
 # may still run.
 string outcome
@@ -43,9 +45,32 @@ def definition(action: Action[Any]) -> str:
     return f"{_comment(about)}\n" + "---\n".join(parts)
 
 
+def message_definition(struct: Any) -> str:
+    """The .msg file of a struct."""
+    about = "\n\n".join(part for part in (description_of(struct), EXACT_ABOUT, MADE) if part)
+    meanings = {field.name: field for field in fields_of(struct)}
+    fields = (
+        _comment(_exact_about(field, meanings[field.source])) + f"{field.type} {field.name}\n"
+        for field in exact_fields(struct)
+    )
+    return f"{_comment(about)}\n" + "".join(fields)
+
+
 def definitions() -> dict[str, str]:
-    """All .action files of jezero's own actions, by their names."""
-    return {f"{interface_name(name)}.action": definition(action) for name, action in ACTIONS.items()}
+    """All .action files of jezero's own actions and all .msg files, by their paths in the package."""
+    actions = {f"action/{interface_name(name)}.action": definition(action) for name, action in ROS_ACTIONS.items()}
+    return actions | {f"msg/{name}.msg": message_definition(struct) for name, struct in exact_structs().items()}
+
+
+def _exact_about(field: ExactField, contract: Field) -> str:
+    """Meaning of a field of a whole message."""
+    if field.name == STAMP:
+        return "Vehicle time at which the content was true."
+    meaning = contract.meaning.rstrip(".")
+    sentences = [f"{meaning[0].upper()}{meaning[1:]}."] if meaning else []
+    if contract.range:
+        sentences.append(f"Range: {contract.range}.")
+    return " ".join([*sentences, *(["Empty for none."] if field.optional else [])])
 
 
 def _fields(struct: Any) -> Iterator[str]:
@@ -80,9 +105,10 @@ def _comment(text: str) -> str:
 
 
 def main() -> None:
-    FOLDER.mkdir(parents=True, exist_ok=True)
     for name, text in definitions().items():
-        (FOLDER / name).write_text(text)
+        path = FOLDER / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
 
 
 if __name__ == "__main__":

@@ -81,6 +81,7 @@ from jezero.services.actions.lifecycle.leases import STATUS_AGE_MAX_S, ControlLe
 from jezero.services.actions.lifecycle.pause_control import PauseControl
 from jezero.services.actions.lifecycle.picture_store import PictureStore
 from jezero.services.actions.lifecycle.protection import FlightProtection, battery_refusal, fence_refusal
+from jezero.services.actions.lifecycle.steering import Steering
 from jezero.services.actions.lifecycle.vehicle_view import ODOMETRY_AGE_MAX_S, VehicleView, hovering_at, is_fresh
 from jezero.services.actions.motion.behaviour import (
     Behaviour,
@@ -142,7 +143,11 @@ class ActionServer:
         self.spec = Spec(
             name=action.name,
             inputs=(STATUS, CLOCK, FENCE),
-            on_demand=(ODOMETRY, RELATIVE, ROVER_ESTIMATE, *(CAPTURE_INPUTS if takes else (ALTIMETER,))),
+            on_demand=(
+                *(ODOMETRY, RELATIVE, ROVER_ESTIMATE),
+                *(CAPTURE_INPUTS if takes else (ALTIMETER,)),
+                *(() if action.steered_by is None else (action.steered_by,)),
+            ),
             outputs=(SETPOINT, feedback_of(action), *((CAMERA_PITCH,) if takes or action.points_camera else ())),
             serves=(*action.endpoints, RESULT),
             calls=(ACQUIRE, RELEASE, LEASE),
@@ -493,7 +498,9 @@ class GoalRun:
         """Topics that the goal subscribes to besides odometry."""
         self._control = ControlLease(epoch_id)
         self._selection = None if plan.selection is None or plan_only else SelectionLease(goal_id, plan.selection)
-        self._view = VehicleView(epoch_id, self._selection, self._inputs, goal.plan_from_ned_m)
+        self._view = VehicleView(
+            epoch_id, self._selection, self._inputs, goal.plan_from_ned_m, Steering.of(goal_id, action)
+        )
         self._protection: FlightProtection
         """Made with the behaviour."""
         self._pause = PauseControl(t_ns, config.move.accel_mps2)
@@ -531,6 +538,7 @@ class GoalRun:
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """Go on with the present stage."""
         self._store_pictures(t_ns, inbox)
+        self._view.update(t_ns, inbox)
         if self.stage == "admitting":
             yield from self._await_admission(t_ns, inbox)
         elif self.stage == "checking":
@@ -777,7 +785,7 @@ class GoalRun:
         if self._first_step:
             self._first_step = False
             yield SetRate(self._plan.rate_hz or SETPOINT_RATE_MIN_HZ)
-            yield Subscribe((ODOMETRY, *self._inputs))
+            yield Subscribe((ODOMETRY, *self._inputs, *self._view.steered_by))
 
     def _step_behaviour(self, t_ns: int, inbox: Inbox, odometry: Odometry) -> Iterator[Output]:
         """Publish the behaviour's next setpoint and, when it is due, feedback; release control at its end."""

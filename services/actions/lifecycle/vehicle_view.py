@@ -15,6 +15,7 @@ from jezero.schemas.struct import Message
 from jezero.schemas.topics import ALTIMETER, FENCE, ODOMETRY, RELATIVE, ROVER_ESTIMATE, STATUS
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.lifecycle.leases import SelectionLease
+from jezero.services.actions.lifecycle.steering import Steering
 from jezero.services.actions.motion.behaviour import VehicleState
 
 NO_SHIFT: Vec3 = (0.0, 0.0, 0.0)
@@ -58,6 +59,7 @@ class VehicleView:
         epoch_id: of the vehicle that the goal is for.
         lease: of the goal's own selection of the estimator's inputs, if it has one.
         inputs: topics besides odometry and status that the goal subscribes to.
+        steering: the commands of the goal's client, if the action has some.
         plan_from_ned_m: position at which the vehicle is supposed to hover, for a plan; None: where and as it is.
     """
 
@@ -67,12 +69,24 @@ class VehicleView:
         lease: SelectionLease | None,
         inputs: Sequence[Topic[Any]],
         plan_from_ned_m: Vec3 | None = None,
+        steering: Steering | None = None,
     ) -> None:
         self._epoch_id = epoch_id
         self._plan_from_ned_m = plan_from_ned_m
         self._lease = lease
+        self._steering = steering
         self._with_rover = RELATIVE in inputs or ROVER_ESTIMATE in inputs
         self._offset_start_ned_m: Vec3 = (0.0, 0.0, 0.0)
+
+    @property
+    def steered_by(self) -> tuple[Topic[Any], ...]:
+        """Topic of the commands of the goal's client, if the action has some."""
+        return () if self._steering is None else (self._steering.topic,)
+
+    def update(self, t_ns: int, inbox: Inbox) -> None:
+        """Take the commands of the goal's client; to be called in every step."""
+        if self._steering is not None:
+            self._steering.update(t_ns, inbox)
 
     def begin(self, odometry: Odometry) -> None:
         """Start: from now on positions are in the world frame as it is in this message."""
@@ -115,6 +129,8 @@ class VehicleView:
             None if status is None else status.std_gust_mps,
             known_fence(inbox),
             None if supposed or status is None else status.battery,
+            None if self._steering is None else self._steering.command(behind_ns),
+            "" if self._steering is None else self._steering.refusal,
         )
 
     def _height_m(self, t_ns: int, inbox: Inbox, q_ned_from_frd: Quat) -> float | None:

@@ -15,7 +15,7 @@ import msgspec
 
 from jezero.base.frames import Quat, Vec3, horizontal, quat_rotate, yaw_from_quat
 from jezero.schemas.actions import PlannedCoverage
-from jezero.schemas.commands import Outcome, Phase
+from jezero.schemas.commands import Outcome, Phase, VelocityCommand
 from jezero.schemas.estimate import Relative, RoverEstimate
 from jezero.schemas.fence import Fence
 from jezero.schemas.preflight import Override
@@ -44,6 +44,9 @@ class VehicleState(msgspec.Struct, frozen=True):
         std_gust_mps: standard deviation of the wind; None as above.
         fence: the fence in force, in the autopilot's present frame; None for none, and while it is unknown.
         battery: the battery; None while it is unknown, and for a plan from somewhere else.
+        velocity_command: the newest command of the goal's client, whatever its age; None before the first one, and for
+            actions without `Action.steered_by`. Its time is in the goal's own time.
+        velocity_refusal: why the newest command was refused; "" when it was not.
     """
 
     pos_uav_ned_m: Vec3
@@ -60,6 +63,8 @@ class VehicleState(msgspec.Struct, frozen=True):
     std_gust_mps: float | None = None
     fence: Fence | None = None
     battery: Battery | None = None
+    velocity_command: VelocityCommand | None = None
+    velocity_refusal: str = ""
 
     @property
     def yaw_rad(self) -> float:

@@ -56,8 +56,9 @@ class StackActions:
 
     @property
     def names(self) -> list[str]:
-        """Names of the actions in the order of a flight, those of packages last."""
-        return sorted(self._actions, key=lambda name: ((*FLIGHT_ORDER, name).index(name), name))
+        """Names of the actions for which there is a form, in the order of a flight, those of packages last."""
+        names = (name for name, (_, action) in self._actions.items() if action.steered_by is None)
+        return sorted(names, key=lambda name: ((*FLIGHT_ORDER, name).index(name), name))
 
     def description(self, name: str) -> ActionDescription:
         """The description of an action, as the action publishes it."""

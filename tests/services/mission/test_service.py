@@ -177,3 +177,10 @@ def test_while_the_vehicle_returns_nothing_but_an_end_of_the_mission_is_accepted
     assert not reply.accepted
     assert "wait until it has landed" in reply.reason
     assert flown.ask(low, MissionCommand(command="stop")).accepted
+
+
+def test_a_mission_with_a_step_that_a_client_would_have_to_steer_is_refused() -> None:
+    steered = GoalStep(label="by hand", action="fly_velocity", goal={})
+    reply = Flown().ask(FLYING, Mission(name="m", steps=(steered,)))
+    assert not reply.accepted
+    assert reply.reason.startswith("step 1, by hand: fly_velocity follows the commands of a client, and a mission has")

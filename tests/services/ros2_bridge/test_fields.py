@@ -21,8 +21,7 @@ from jezero.schemas.goals import (
     ReturnHomeGoal,
     TakeoffGoal,
 )
-from jezero.schemas.topics import ACTIONS
-from jezero.services.ros2_bridge.fields import AS_JSON, RULES, from_ros, interface_name, ros_fields, to_ros
+from jezero.services.ros2_bridge.fields import AS_JSON, ROS_ACTIONS, RULES, from_ros, ros_fields, to_ros
 from jezero.services.ros2_bridge.geometry import RosMessage
 
 metres = st.floats(-1e3, 1e3)
@@ -71,7 +70,7 @@ GOALS = st.one_of(
     ),
 )
 
-STRUCTS: list[Any] = [kind for a in ACTIONS.values() for kind in (a.goal_type, a.feedback_type, a.result_type)]
+STRUCTS: list[Any] = [kind for a in ROS_ACTIONS.values() for kind in (a.goal_type, a.feedback_type, a.result_type)]
 
 
 def as_received(value: Any) -> Any:
@@ -146,5 +145,6 @@ def test_a_definition_is_as_the_contract_says(name: str) -> None:
     assert current, f"{name} is old: `python -m jezero.cli.reference.ros2_interfaces` writes it anew"
 
 
-def test_each_definition_belongs_to_an_action() -> None:
-    assert {path.stem for path in FOLDER.iterdir()} == {interface_name(name) for name in ACTIONS} | {"FlyAction"}
+def test_each_definition_belongs_to_the_contract() -> None:
+    there = {f"{path.parent.name}/{path.name}" for folder in ("action", "msg") for path in (FOLDER / folder).iterdir()}
+    assert there == definitions().keys() | {"action/FlyAction.action"}

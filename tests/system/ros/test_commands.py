@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from jezero import Vehicle
-from jezero.base.frames import enu_from_ned
+from jezero.base.frames import enu_from_ned, yaw_from_quat
 from jezero.schemas.state import StatusCode
 from tests.system.conftest import Stack
 from tests.system.ros.conftest import Ros
@@ -54,9 +54,11 @@ class Actor:
         self._process.stdin.write(json.dumps({"do": verb, **words}) + "\n")
         self._process.stdin.flush()
 
-    def wait(self, event: str, condition: Callable[[dict[str, Any]], bool] = lambda found: True) -> dict[str, Any]:
+    def wait(
+        self, event: str, condition: Callable[[dict[str, Any]], bool] = lambda found: True, timeout_s: float = TIMEOUT_S
+    ) -> dict[str, Any]:
         """The next event of a kind, since the last goal was sent; others wait until they are asked for."""
-        deadline_s = time.monotonic() + TIMEOUT_S
+        deadline_s = time.monotonic() + timeout_s
         while True:
             for found in self.seen[self._counts[event] :]:
                 self._counts[event] += 1
@@ -65,7 +67,7 @@ class Actor:
             try:
                 self.seen.append(self._events.get(timeout=max(deadline_s - time.monotonic(), 0.0)))
             except queue.Empty:
-                raise AssertionError(f"no {event} in {TIMEOUT_S:g} s, but {self.seen}") from None
+                raise AssertionError(f"no {event} in {timeout_s:g} s, but {self.seen}") from None
 
     def clear(self) -> None:
         self.seen.clear()
@@ -241,6 +243,51 @@ def test_a_goal_pose_is_flown_to_and_another_one_changes_the_way(actor: Actor, u
     assert f"expected {frame}" in actor.wait(actor.name("refusals"))["message"]["data"]
 
 
+@pytest.fixture(params=["Twist", "TwistStamped"])
+def stick(request: pytest.FixtureRequest, shared_stack: Stack, ros_with_interfaces: Ros) -> Iterator[tuple[Actor, str]]:
+    """A client that publishes on cmd_vel, and the type; in a process a topic has one type, so each has its own."""
+    with an_actor(shared_stack, ros_with_interfaces) as stick:
+        yield stick, request.param
+
+
+def test_cmd_vel_flies_the_vehicle_along_the_axes_of_rep_103(
+    stick: tuple[Actor, str], actor: Actor, uav: Vehicle, flying: None
+) -> None:
+    def stream(for_s: float, forward_mps: float = 0.0, left_mps: float = 0.0, turn_rps: float = 0.0) -> None:
+        pilot, kind = stick
+        twist = {"linear": {"x": forward_mps, "y": left_mps}, "angular": {"z": turn_rps}}
+        message = twist if kind == "Twist" else {"header": {"frame_id": "base_link"}, "twist": twist}
+        pilot.do("stream", type=f"geometry_msgs/msg/{kind}", name=actor.name("cmd_vel"), message=message, for_s=for_s)
+
+    uav.go_to(0.0, 0.0, -3.0, yaw_rad=0.0).result(TIMEOUT_S)
+    stream(6.0, forward_mps=0.7, left_mps=0.7)
+    wait_for(lambda: uav.status().action == "fly_velocity", "no cmd_vel arrived")
+    wait_for(lambda: uav.status().code == StatusCode.HOVER, "the goal goes on without commands")
+    north_m, east_m, _ = uav.odometry().pos_uav_ned_m
+    assert north_m > 1.0 and east_m < -1.0, "forward is north, and left is west"
+    stream(5.0, turn_rps=0.5)
+    wait_for(lambda: uav.status().action == "fly_velocity", "no turn arrived")
+    wait_for(lambda: uav.status().code == StatusCode.HOVER, "the goal goes on without commands")
+    assert yaw_from_quat(uav.odometry().q_ned_from_frd) < -0.5, "anticlockwise"
+
+    # It takes no goal's control away, and a hover ends it although the stick is still held.
+    goal = uav.go_to(0.0, 0.0, -3.0, speed_mps=0.3)
+    actor.clear()
+    stream(2.0, forward_mps=1.0)
+    assert "is in charge" in actor.wait(actor.name("refusals"))["message"]["data"]
+    assert uav.status().goal_id == goal.goal_id
+    uav.hover()
+    wait_for(lambda: uav.status().code == StatusCode.HOVER, "it does not hover")
+    time.sleep(3.0)  # the stream is over
+    actor.clear()
+    stream(8.0, forward_mps=0.3)
+    wait_for(lambda: uav.status().action == "fly_velocity", "no cmd_vel arrived")
+    uav.hover()
+    assert "hover was requested" in actor.wait(actor.name("refusals"))["message"]["data"]
+    time.sleep(2.0)
+    assert uav.status().code == StatusCode.HOVER, "the stick that is still held has no effect"
+
+
 def test_the_estimators_parameters_are_parameters_of_the_node(actor: Actor, uav: Vehicle) -> None:
     node = actor.name("jezero_bridge")
     actor.do("parameters", node=node, values={"estimator.std_uwb_m": 0.25, "estimator.pos_rover_m": [1.0, 2.0, 0.0]})
@@ -250,6 +297,14 @@ def test_the_estimators_parameters_are_parameters_of_the_node(actor: Actor, uav:
     assert parameters.pos_rover_ned_m == (2.0, 1.0, 0.0)
     actor.do("get", node=node, name="estimator.std_uwb_m")
     assert actor.wait("value")["values"][0]["double_value"] == 0.25
+    uav.set_estimator_parameters(std_uwb_m=0.31)
+
+    def follows() -> bool:
+        actor.do("get", node=node, name="estimator.std_uwb_m")
+        return bool(actor.wait("value")["values"][0]["double_value"] == 0.31)
+
+    wait_for(follows, "the node's parameter does not follow what another client has changed")
+    uav.set_estimator_parameters(std_uwb_m=0.25)
     actor.do("parameters", node=node, values={"estimator.std_uwb_m": 1e9})
     (refused,) = actor.wait("set")["results"]
     assert not refused["successful"] and "std_uwb_m" in refused["reason"]

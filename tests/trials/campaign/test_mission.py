@@ -27,7 +27,7 @@ def test_a_mission_has_as_many_faults_as_asked_for() -> None:
 
 
 def test_every_further_service_has_faults_of_its_own() -> None:
-    faults = [f for seed in range(300) for f in draw_faults(named_random(seed, "faults"), 42.0, ("estimator",))]
+    faults = [f for seed in range(400) for f in draw_faults(named_random(seed, "faults"), 42.0, ("estimator",))]
     hit = {fault.kind for fault in faults if "estimator" in fault.where}
     assert hit >= {Kind.KILL, Kind.FREEZE, Kind.PARTITION, Kind.DELAY, Kind.DROP, Kind.NAN, Kind.WRONG_TIME}
 

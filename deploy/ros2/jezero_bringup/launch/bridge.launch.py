@@ -42,7 +42,7 @@ def generate_launch_description():
         [
             DeclareLaunchArgument("vehicle", default_value="uav1", description="The vehicle's name."),
             DeclareLaunchArgument("router", default_value="tcp/127.0.0.1:7447", description="Endpoint of its router."),
-            DeclareLaunchArgument("commands", default_value="false", description="Fly to poses on goal_pose."),
+            DeclareLaunchArgument("commands", default_value="false", description="Fly by goal_pose and cmd_vel."),
             DeclareLaunchArgument("clock", default_value="true", description="Publish /clock."),
             DeclareLaunchArgument("rviz", default_value="false", description="Open RViz."),
             OpaqueFunction(function=bridge),

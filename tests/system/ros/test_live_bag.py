@@ -1,0 +1,85 @@
+"""A bag of what a real rclpy has received from the bridge is a flight again."""
+
+import base64
+import json
+import subprocess
+from pathlib import Path
+
+import pytest
+import zenoh
+from rosbags.rosbag2 import Writer
+
+from jezero.base.codec import decode
+from jezero.base.zenoh_client import client_config, data_of
+from jezero.recording import open_recording
+from jezero.replay.rosbag import import_bag
+from jezero.replay.through import replay_through
+from jezero.schemas.estimate import Relative
+from jezero.schemas.topics import RELATIVE, key
+from jezero.services.ros2_bridge.bag import typestore_of
+from jezero.services.ros2_bridge.rows import EXACT_ROWS
+from tests.system.conftest import Stack
+from tests.system.ros.conftest import Ros
+from tests.system.ros.test_bridge import START_TIMEOUT_S, full_name, running_bridge
+
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("ros"), pytest.mark.timeout(1200)]
+RECORDER = Path(__file__).with_name("recorder.py")
+RECORD_S = 25.0
+SETTLES_NS = 8_000_000_000
+"""The estimator that reads the bag begins in the middle of the flight."""
+
+
+def test_a_bag_that_ros_has_recorded_gives_the_estimates_of_the_flight(
+    shared_stack: Stack, ros_with_interfaces: Ros, tmp_path: Path
+) -> None:
+    stack, ros, vehicle = shared_stack, ros_with_interfaces, shared_stack.instance.vehicle
+    flown: dict[int, Relative] = {}
+
+    def on_estimate(sample: zenoh.Sample) -> None:
+        estimate = decode(Relative, data_of(sample))
+        flown[estimate.t_ns] = estimate
+
+    with (
+        zenoh.open(client_config(stack.instance.router)) as session,
+        stack.connect() as uav,
+        running_bridge(stack, ros),
+    ):
+        session.declare_subscriber(key(vehicle, RELATIVE.name), on_estimate)
+        uav.wait_ready(START_TIMEOUT_S)
+        uav.takeoff(altitude_m=4.0).result(START_TIMEOUT_S)
+        words = [f"{row.type}={full_name(row, vehicle)}" for row in EXACT_ROWS]
+        recorder = subprocess.Popen(
+            [ros.python, str(RECORDER), str(RECORD_S), *words],
+            env=ros.environment(stack.environment),
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        uav.go_to(3.0, 2.0, -4.0).result(START_TIMEOUT_S)
+        uav.go_to(-1.0, -1.0, -4.0).result(START_TIMEOUT_S)
+        lines, _ = recorder.communicate(timeout=RECORD_S + START_TIMEOUT_S)
+        uav.land_on_spot((-1.0, -1.0, 0.0), use_uwb=False, use_tag=False).result(START_TIMEOUT_S)
+
+    store, kinds = typestore_of(9), {full_name(row, vehicle): row.type for row in EXACT_ROWS}
+    with Writer(tmp_path / "bag", version=9) as writer:
+        connections = {}
+        for line in lines.splitlines():
+            entry = json.loads(line)
+            topic = entry["topic"]
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kinds[topic], typestore=store)
+            writer.write(connections[topic], entry["t_ns"], base64.b64decode(entry["data"]))
+    done = import_bag(tmp_path / "bag", tmp_path / "live.mcap", namespace=vehicle)
+    assert not done.left_out and not done.has_settings
+    assert done.counts["odometry"] > 10 * RECORD_S
+
+    again = {e.message.t_ns: e.message for e in open_recording(tmp_path / "live.mcap").messages(RELATIVE)}
+    begin_ns = min(again)
+    compared = 0
+    for t_ns, estimate in again.items():
+        before = flown.get(t_ns)
+        if before is None or t_ns - begin_ns < SETTLES_NS or not (before.valid and estimate.valid):
+            continue
+        assert estimate.pos_uav_rel_rover_ned_m == pytest.approx(before.pos_uav_rel_rover_ned_m, abs=0.3)
+        compared += 1
+    assert compared > 100, f"{compared} of {len(again)} estimates compared"
+    assert replay_through(tmp_path / "live.mcap", "estimator").identical
