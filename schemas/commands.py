@@ -259,5 +259,5 @@ class RoverCommand(Message, frozen=True, kw_only=True):
         yaw_rate_rover_rps: yaw rate, clockwise as seen from above.
     """
 
-    speed_rover_body_mps: Annotated[float, Meta(ge=-2.0, le=2.0)]
+    speed_rover_body_mps: Annotated[float, Meta(ge=-5.0, le=5.0)]
     yaw_rate_rover_rps: Annotated[float, Meta(ge=-1.0, le=1.0)]

@@ -215,8 +215,8 @@ def bench() -> None:
 )
 @click.option("--n", type=click.IntRange(1, 100_000), default=100, show_default=True, help="Landings of each case.")
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="First seed.")
-@click.option("--rover", type=click.Choice(["still", "drive", "turn", "zigzag"]), default="still", show_default=True,
-              help="Motion: none; 0.5 m/s straight; 1 m/s and 0.2 rad/s; 0.8 m/s, turning left and right.")  # fmt: skip
+@click.option("--rover", type=click.Choice(["still", "drive", "turn", "zigzag", "fast"]), default="still", show_default=True,
+              help="Motion: none; 0.5 m/s straight; 1 m/s and 0.2 rad/s; 0.8 m/s, turning left and right; 4 m/s straight.")  # fmt: skip
 @click.option("--wind", "wind_mps", type=click.FloatRange(0.0, 30.0), default=3.0, show_default=True, metavar="MEAN",
               help="Speed of the mean wind, in m/s.")  # fmt: skip
 @click.option("--gusts", "std_gust_mps", type=click.FloatRange(0.0, 10.0), default=0.6, show_default=True,

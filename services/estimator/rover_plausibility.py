@@ -8,7 +8,7 @@ from jezero.schemas.sensors import RoverOdometry
 
 REJECT_AFTER_JUMP_NS = 500_000_000
 """After an implausible reading all readings are rejected for this time."""
-SPEED_MAX_MPS = 3.0
+SPEED_MAX_MPS = 6.0
 ACC_MAX_MPS2, SPEED_STEP_MPS = 3.0, 0.3
 YAW_RATE_MAX_RPS, YAW_STEP_RAD = 2.0, 0.3
 """Greatest change between two readings: a limit on the rate, and a step that allows for noise."""

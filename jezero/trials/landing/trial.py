@@ -12,13 +12,14 @@ from jezero.base.frames import Vec3
 from jezero.schemas.goals import LandOnSpotGoal
 
 CaseName = Literal["uwb+tag", "uwb", "tag", "none"]
-RoverName = Literal["still", "drive", "turn", "zigzag"]
+RoverName = Literal["still", "drive", "turn", "zigzag", "fast"]
 CASES: tuple[CaseName, ...] = ("uwb+tag", "uwb", "tag", "none")
 MOTIONS: dict[RoverName, tuple[float, float, float | None]] = {
     "still": (0.0, 0.0, None),
     "drive": (0.5, 0.0, None),
     "turn": (1.0, 0.2, None),
     "zigzag": (0.8, 0.4, 2.0),
+    "fast": (4.0, 0.0, None),
 }
 """Speed in m/s and yaw rate in rad/s of the rover, and the time in s after which it turns the other way."""
 

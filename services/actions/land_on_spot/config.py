@@ -68,9 +68,9 @@ class LandingBoundsConfig(Config, frozen=True, kw_only=True):
         speed_rover_max_mps: the rover's top speed over ground.
     """
 
-    distance_max_m: Positive = 60.0
+    distance_max_m: Positive = 150.0
     climb_max_m: Positive = 12.0
-    speed_rover_max_mps: Positive = 2.5
+    speed_rover_max_mps: Positive = 5.0
 
 
 class DeckConfig(Config, frozen=True, kw_only=True):
