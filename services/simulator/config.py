@@ -56,6 +56,13 @@ class TerrainConfig(Config, frozen=True, kw_only=True):
         radius_rock_min_m: smallest radius of a rock.
         radius_rock_max_m: greatest radius of a rock.
         friction: friction of the ground; the friction coefficient is its product with `friction_feet` of the vehicle.
+        heights: GeoTIFF of a real place, whose heights replace hills and craters; in the folder of the settings, or
+            with its whole path; "" for none. The rocks stay.
+        heights_north_m: where the map's origin is in it, to the north of its middle.
+        heights_east_m: where the map's origin is in it, to the east of its middle.
+        basin_radius_m: radius of a crater at one place, a fifth as deep as wide from its middle to the rim; 0 for none.
+        basin_north_m: place of its middle, north of the map's origin.
+        basin_east_m: place of its middle, east of the map's origin.
     """
 
     seed: Annotated[int, Meta(ge=0)] = 1
@@ -69,6 +76,12 @@ class TerrainConfig(Config, frozen=True, kw_only=True):
     radius_rock_min_m: Positive = 0.1
     radius_rock_max_m: Positive = 0.35
     friction: NonNegative = 0.9
+    heights: str = ""
+    heights_north_m: Annotated[float, Meta(ge=-1e6, le=1e6)] = 0.0
+    heights_east_m: Annotated[float, Meta(ge=-1e6, le=1e6)] = 0.0
+    basin_radius_m: Annotated[float, Meta(ge=0.0, le=50.0)] = 0.0
+    basin_north_m: Coordinate = 0.0
+    basin_east_m: Coordinate = 0.0
 
 
 class WindConfig(Config, frozen=True, kw_only=True):
