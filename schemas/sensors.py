@@ -64,7 +64,7 @@ class Imu(Message, frozen=True, kw_only=True):
     """Reading of the inertial measurement unit.
 
     Attributes:
-        acc_imu_frd_mps2: specific force in body axes; (0, 0, -9.81) at rest.
+        acc_imu_frd_mps2: specific force in body axes; at rest that against gravity, (0, 0, -9.81) on the Earth.
         gyro_imu_frd_rps: angular rates of the body.
     """
 
@@ -81,6 +81,7 @@ class Gnss(Message, frozen=True, kw_only=True):
         std_horizontal_m: standard deviation of the horizontal position, as the receiver reports it.
         std_vertical_m: standard deviation of the altitude, as the receiver reports it.
         satellites: number of satellites in use.
+        yaw_uav_rad: heading of the vehicle by two antennas on it; left out by a receiver with one.
     """
 
     position_deg: Geodetic
@@ -88,6 +89,7 @@ class Gnss(Message, frozen=True, kw_only=True):
     std_horizontal_m: NonNegative
     std_vertical_m: NonNegative
     satellites: Annotated[int, Meta(ge=0, le=255)]
+    yaw_uav_rad: Angle | UnsetType = UNSET
 
 
 class Barometer(Message, frozen=True, kw_only=True):

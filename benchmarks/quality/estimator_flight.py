@@ -29,12 +29,12 @@ from jezero.base.frames import (
     wrap_pi,
     yaw_from_quat,
 )
-from jezero.base.vehicle_config import VehicleConfig
+from jezero.base.vehicle_config import GRAVITY_EARTH_MPS2, VehicleConfig
 from jezero.schemas import topics
 from jezero.schemas.estimate import TagEstimate
 from jezero.schemas.rows import Topic
 from jezero.schemas.state import Clock, Odometry
-from jezero.schemas.units import GRAVITY_MPS2, NS_PER_S
+from jezero.schemas.units import NS_PER_S
 from jezero.services.simulator.body import BodyState, RoverState
 from jezero.services.simulator.config import SimulatorConfig, UwbConfig
 from jezero.services.simulator.noise import Wander, generator, normals_of
@@ -126,12 +126,12 @@ class EstimatorFlight:
         before, now, after = (self._pos_uav(t_s + i * step_s) for i in (-1, 0, 1))
         vel_mps = scale(subtract(after, before), 0.5 / step_s)
         acc_mps2 = scale(subtract(add(after, before), scale(now, 2.0)), 1.0 / step_s**2)
-        push = WIND_TILT_RAD * GRAVITY_MPS2
+        push = WIND_TILT_RAD * GRAVITY_EARTH_MPS2
         lean = rotate_yaw(
             (acc_mps2[0] + push * cos(self._wind_rad), acc_mps2[1] + push * sin(self._wind_rad), 0.0),
             -self._yaw_uav_rad,
         )
-        q = quat_from_euler(lean[1] / GRAVITY_MPS2, -lean[0] / GRAVITY_MPS2, self._yaw_uav_rad)
+        q = quat_from_euler(lean[1] / GRAVITY_EARTH_MPS2, -lean[0] / GRAVITY_EARTH_MPS2, self._yaw_uav_rad)
         return TrueState(now, vel_mps, q, rover)
 
     def arrivals(self) -> Iterator[Arrival]:

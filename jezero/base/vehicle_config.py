@@ -24,14 +24,12 @@ from jezero.schemas.sensors import (
     model_of,
     shows_straight,
 )
-from jezero.schemas.units import GRAVITY_MPS2
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 NonNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
 Mounting = Annotated[float, Meta(ge=-10.0, le=10.0)]
 Place = tuple[Mounting, Mounting, Mounting]
 
-DENSITY_AIR_KGPM3 = 1.2
 TILT_STEADY_RAD = 0.55
 """Tilt of a steady flight against the wind; an autopilot allows a few degrees more, for gusts."""
 PITCH_DOWN_RAD = -1.5708
@@ -176,6 +174,8 @@ class AirframeConfig(Config, frozen=True, kw_only=True):
             this and `drag_area_side_m2` are 0, the wind stays unknown.
         drag_area_side_m2: drag area of the body seen from the side, drag coefficient included.
         drag_area_top_m2: drag area of the body seen from above, drag coefficient included.
+        hull_half_frd_m: half lengths of the hull, a box about the centre of mass that the simulation collides with.
+        rotor_plane_half_frd_m: half lengths, forward and to the right, of the flat box of arms and rotors above it.
     """
 
     mass_kg: Positive = 1.5
@@ -191,34 +191,37 @@ class AirframeConfig(Config, frozen=True, kw_only=True):
     drag_area_side_m2: NonNegative = 0.06
     drag_area_top_m2: NonNegative = 0.1
 
-    def drag_n(self, airspeed_mps: float) -> float:
-        """Drag in the rotors' plane at an airspeed."""
-        linear, quadratic = self._drag_coefficients
-        return (linear + quadratic * airspeed_mps) * airspeed_mps
+    hull_half_frd_m: tuple[Positive, Positive, Positive] = (0.17, 0.13, 0.03)
+    rotor_plane_half_frd_m: tuple[Positive, Positive] = (0.27, 0.33)
 
-    def airspeed_mps(self, drag_n: float) -> float:
-        """Airspeed in the rotors' plane at which the drag is this; 0 for a vehicle whose drag isn't declared."""
-        linear, quadratic = self._drag_coefficients
-        root = sqrt(linear * linear + 4.0 * quadratic * drag_n)
-        return 2.0 * drag_n / (linear + root) if root > 0.0 else 0.0
+
+GRAVITY_EARTH_MPS2 = 9.81
+"""Gravity that PX4 assumes, and for which the constants of services are chosen; see `PlanetConfig.gravity_ratio`."""
+
+
+HeadingSource = Literal["magnetometer", "gnss"]
+
+
+class PlanetConfig(Config, frozen=True, kw_only=True):
+    """Where the robot is: what every service has to know of it.
+
+    Attributes:
+        gravity_mps2: gravitational acceleration. PX4 assumes 9.81.
+        density_air_kgpm3: density of the air.
+        pressure_datum_pa: static pressure of the air at the altitude 0.
+        scale_height_m: height in which the pressure falls by the factor e, of an atmosphere with one temperature;
+            without it the pressure is that of the Earth's standard atmosphere.
+    """
+
+    gravity_mps2: Annotated[float, Meta(gt=0.0, le=100.0)] = GRAVITY_EARTH_MPS2
+    density_air_kgpm3: Positive = 1.2
+    pressure_datum_pa: Positive = 101_325.0
+    scale_height_m: Positive | None = None
 
     @property
-    def airspeed_max_mps(self) -> float:
-        """Airspeed of a steady flight at `TILT_STEADY_RAD`; infinite for a vehicle whose drag isn't declared."""
-        return self.airspeed_mps(self.mass_kg * GRAVITY_MPS2 * tan(TILT_STEADY_RAD)) or float("inf")
-
-    def power_ratio(self, airspeed_mps: float) -> float:
-        """Power of the rotors relative to that in hover: their thrust carries the weight and holds against the drag.
-
-        The power of a rotor is proportional to its thrust to the power of 3/2.
-        """
-        thrust = hypot(1.0, self.drag_n(airspeed_mps) / (self.mass_kg * GRAVITY_MPS2))
-        return thrust * sqrt(thrust)
-
-    @property
-    def _drag_coefficients(self) -> tuple[float, float]:
-        """Drag per m/s of airspeed, and per square of it."""
-        return self.drag_rotors_nspm, 0.5 * DENSITY_AIR_KGPM3 * self.drag_area_side_m2
+    def gravity_ratio(self) -> float:
+        """Gravity relative to the Earth's. At the same tilt a multicopter accelerates in proportion to it."""
+        return self.gravity_mps2 / GRAVITY_EARTH_MPS2
 
 
 class AltimeterMountConfig(Config, frozen=True, kw_only=True):
@@ -309,12 +312,15 @@ class VehicleLimitsConfig(Config, frozen=True, kw_only=True):
         altitude_max_m: maximum height above the world's origin; of a takeoff above the take-off point.
         distance_max_m: maximum horizontal distance from the world's origin.
         speed_max_mps: maximum speed of a goal.
+        braking_mps2: deceleration in front of the fence and of these limits: that of planned ways, and less than the
+            greatest tilt leaves in gusts, 1.3 m/s² in those of 11 m/s in the Earth's gravity.
     """
 
     altitude_min_m: Annotated[float, Meta(gt=0.0, le=1e4)] = 0.5
     altitude_max_m: Annotated[float, Meta(gt=0.0, le=1e4)] = 120.0
     distance_max_m: Annotated[float, Meta(gt=0.0, le=1e4)] = 500.0
     speed_max_mps: Annotated[float, Meta(gt=0.0, le=100.0)] = 10.0
+    braking_mps2: Annotated[float, Meta(gt=0.0, le=10.0)] = 1.0
 
 
 CRITICAL_MARGIN = 0.01
@@ -380,6 +386,9 @@ class VehicleConfig(Config, frozen=True, kw_only=True):
         platform: the rover's platform and its tags.
         limits: limits of every goal.
         battery: the vehicle's battery.
+        planet: gravity and air.
+        heading_by: what measures the heading: a magnetometer, or a GNSS receiver, or what takes its place, with two
+            antennas on the vehicle; a vehicle without a magnetometer needs the latter.
     """
 
     camera: CameraMountConfig = CameraMountConfig()
@@ -389,11 +398,59 @@ class VehicleConfig(Config, frozen=True, kw_only=True):
     platform: PlatformConfig = PlatformConfig()
     limits: VehicleLimitsConfig = VehicleLimitsConfig()
     battery: BatteryConfig = BatteryConfig()
+    planet: PlanetConfig = PlanetConfig()
+    heading_by: HeadingSource = "magnetometer"
 
     @property
     def height_altimeter_m(self) -> float:
         """Height of the altimeter's lens when the vehicle stands."""
         return self.airframe.height_stand_m - self.altimeter.pos_altimeter_frd_m[2]
+
+    @property
+    def weight_n(self) -> float:
+        """Weight at take-off."""
+        return self.airframe.mass_kg * self.planet.gravity_mps2
+
+    def drag_n(self, airspeed_mps: float) -> float:
+        """Drag in the rotors' plane at an airspeed."""
+        linear, quadratic = self._drag_coefficients
+        return (linear + quadratic * airspeed_mps) * airspeed_mps
+
+    def airspeed_mps(self, drag_n: float) -> float:
+        """Airspeed in the rotors' plane at which the drag is this; 0 for a vehicle whose drag isn't declared."""
+        linear, quadratic = self._drag_coefficients
+        root = sqrt(linear * linear + 4.0 * quadratic * drag_n)
+        return 2.0 * drag_n / (linear + root) if root > 0.0 else 0.0
+
+    @property
+    def airspeed_max_mps(self) -> float:
+        """Airspeed of a steady flight at `TILT_STEADY_RAD`; infinite for a vehicle whose drag isn't declared."""
+        return self.airspeed_mps(self.weight_n * tan(TILT_STEADY_RAD)) or float("inf")
+
+    def power_ratio(self, airspeed_mps: float) -> float:
+        """Power of the rotors relative to that in hover: their thrust carries the weight and holds against the drag.
+
+        The power of a rotor is proportional to its thrust to the power of 3/2.
+        """
+        thrust = hypot(1.0, self.drag_n(airspeed_mps) / self.weight_n)
+        return thrust * sqrt(thrust)
+
+    @property
+    def _drag_coefficients(self) -> tuple[float, float]:
+        """Drag per m/s of airspeed, and per square of it."""
+        airframe = self.airframe
+        return airframe.drag_rotors_nspm, 0.5 * self.planet.density_air_kgpm3 * airframe.drag_area_side_m2
+
+
+def px4_refusal(vehicle: VehicleConfig) -> str:
+    """Reason why PX4 can't fly this vehicle, or ""."""
+    gravity_mps2 = vehicle.planet.gravity_mps2
+    if gravity_mps2 == GRAVITY_EARTH_MPS2:
+        return ""
+    return (
+        f"PX4 assumes the Earth's gravity of {GRAVITY_EARTH_MPS2:g} m/s², and here it is {gravity_mps2:g} m/s²: fly "
+        "with the embedded autopilot, JEZERO_AUTOPILOT=embedded"
+    )
 
 
 class FlightCost(NamedTuple):
@@ -420,5 +477,5 @@ def flight_cost(time_s: float, vel_ned_mps: Vec3, wind_ned_mps: Vec3, vehicle: V
     """
     battery, (north_mps, east_mps, _) = vehicle.battery, subtract(vel_ned_mps, wind_ned_mps)
     hover_a = battery.electronics_a + battery.hover_a
-    flight_a = battery.electronics_a + battery.hover_a * vehicle.airframe.power_ratio(hypot(north_mps, east_mps))
+    flight_a = battery.electronics_a + battery.hover_a * vehicle.power_ratio(hypot(north_mps, east_mps))
     return FlightCost(time_s, time_s * flight_a / hover_a if hover_a > 0.0 else time_s)

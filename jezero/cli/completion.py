@@ -66,6 +66,14 @@ def profiles(context: click.Context, param: click.Parameter, incomplete: str) ->
     return sorted(profile for profile in found if profile.startswith(incomplete))
 
 
+def worlds(context: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Names of the worlds; files where none begins so."""
+    from jezero.base.config import known_worlds
+
+    names = [CompletionItem(name) for name in sorted(known_worlds()) if name.startswith(incomplete)]
+    return names or [CompletionItem(incomplete, type="file")]
+
+
 def topics(context: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
     """Names of all topics but the feedback of actions and the health of services."""
     from jezero.schemas.topics import TOPICS

@@ -19,10 +19,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from jezero.base.files import keep_private
 from jezero.cli.goals import as_planned, fly_goal, show_plan, take_pictures
-from jezero.cli.options import common_options
+from jezero.cli.options import common_options, world_option
 from jezero.cli.survey import map_pictures
 from jezero.cli.terminal import ABORTED, Printer, connected
 
@@ -47,6 +48,7 @@ READY_TIMEOUT_S = 60.0
 @click.option(
     "--out", type=click.Path(path_type=Path, file_okay=False), help="Write recording and figures into this folder."
 )
+@world_option
 @common_options
 def fly(fast: bool, seed: int, out: Path | None, vehicle: str, router: str, as_json: bool) -> None:
     """Take off, fly to (-1, -2, -3), hover, climb, and land on the rover."""
@@ -58,6 +60,8 @@ def fly(fast: bool, seed: int, out: Path | None, vehicle: str, router: str, as_j
     if fast:
         fly_fast(printer, FLIGHT, seed, out)
         return
+    if click.get_current_context().get_parameter_source("world") is ParameterSource.COMMANDLINE:
+        raise click.UsageError("--world needs --fast: a running stack has its world from `jezero up --world`")
     with connected(vehicle, router, printer) as uav:
         if out is None:
             fly_mission(printer, uav, FLIGHT, Path())
@@ -80,6 +84,7 @@ def fly(fast: bool, seed: int, out: Path | None, vehicle: str, router: str, as_j
 @click.option(
     "--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Seed of the world, with --fast."
 )
+@world_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per line, the result last.")
 def demo(runs: Path, fast: bool, seed: int, as_json: bool) -> None:
     """Start a stack, fly the thesis' mission, and stop the stack.

@@ -17,7 +17,7 @@ from jezero.base.files import naming
 from jezero.base.mistakes import mistake, own_fields, unknown
 from jezero.cli import completion
 from jezero.cli.goals import fly_goal, point_in_words, send_goal
-from jezero.cli.options import FINITE, FRAMES, NUMBERS, FiniteRange, common_options, flight_options
+from jezero.cli.options import FINITE, FRAMES, NUMBERS, FiniteRange, common_options, flight_options, world_option
 from jezero.cli.terminal import REFUSED, Printer, connected
 
 if TYPE_CHECKING:
@@ -626,6 +626,7 @@ def snap(file: Path, timeout_s: float, vehicle: str, router: str, as_json: bool)
 @click.option("--middle", nargs=2, type=FINITE, default=(0.0, 0.0), show_default=True, help="North, east in m.")
 @click.option("--side", "side_m", type=FiniteRange(0.1, 200.0), default=20.0, show_default=True, help="In m.")
 @click.option("--resolution", type=FiniteRange(0.001, 10.0), default=0.02, show_default=True, help="Metres per pixel.")
+@world_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per line, the result last.")
 def orthophoto(file: Path, middle: tuple[float, float], side_m: float, resolution: float, as_json: bool) -> None:
     """Save the simulated ground, seen from straight above, as FILE, a PNG with north at the top.

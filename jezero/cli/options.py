@@ -149,6 +149,33 @@ class Origin:
         return "{:.6f}, {:.6f}".format(*self.position_deg)
 
 
+def world_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the option of the world, which every process that this command starts, and this one, reads."""
+    from jezero.cli import completion
+
+    return click.option(
+        "--world",
+        metavar="NAME|FILE",
+        is_eager=True,
+        expose_value=False,
+        callback=_choose_world,
+        shell_complete=completion.worlds,
+        help="World to fly in, such as mars: what it changes in the settings [default: JEZERO_WORLD, or none].",
+    )(command)
+
+
+def _choose_world(context: click.Context, parameter: click.Parameter, value: str | None) -> None:
+    from jezero.base.config import WORLD_VARIABLE, ConfigError, find_world
+
+    if value is None:
+        return
+    try:
+        path = find_world(value)
+    except ConfigError as error:
+        raise click.BadParameter(str(error)) from None
+    os.environ[WORLD_VARIABLE] = str(path) if value.endswith(".toml") else value
+
+
 def origin_option(text: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """The option of the world's origin, with its help."""
     return click.option("--origin", nargs=2, type=float, callback=_checked_origin, metavar="LAT LON", help=text)

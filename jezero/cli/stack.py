@@ -18,7 +18,7 @@ from jezero.base.extras import extra_hint
 from jezero.base.files import keep_private
 from jezero.base.router_address import shown_router
 from jezero.cli import completion
-from jezero.cli.options import INSECURE, KEYS, Router, insecure_option, keys_option
+from jezero.cli.options import INSECURE, KEYS, Router, insecure_option, keys_option, world_option
 from jezero.cli.terminal import FAILED, REFUSED, print_table
 from jezero.keys.bundle import INSECURE_VARIABLE
 from jezero.keys.bundle import VARIABLE as KEYS_VARIABLE
@@ -84,6 +84,7 @@ def run_folder(run_dir: Path | None) -> "RunFolder":
     "--listen", type=Router(), multiple=True, metavar="ADDRESS", help="Listen to other computers there; repeatable."
 )
 @click.option("--connect", type=Router(), multiple=True, metavar="ADDRESS", help="Connect to that router; repeatable.")
+@world_option
 @keys_option
 @insecure_option("Listen and connect to other computers without TLS, on a network that you trust.")
 @run_dir_option
@@ -162,12 +163,26 @@ def _read_services(path: Path, profiles: tuple[str, ...], *, linked: bool) -> "d
         raise click.ClickException(f"{path}: {error.strerror if isinstance(error, OSError) else error}") from error
     for refusal in refused_plugins().values():
         click.echo(f"no server for {refusal}", err=True)
+    if "autopilot" in services and (refusal := _autopilot_refusal()):
+        raise click.ClickException(refusal)
     if missing := [needed for name, needed in NEEDS.items() if name in services and not _is_installed(needed)]:
         raise click.ClickException(f"this command {extra_hint(*missing)}")
     if GROUND_STATION in services and not _is_installed("nicegui"):
         del services[GROUND_STATION]
         click.echo("no ground station in the browser, which is an extra: pip install 'jezero[ground]'", err=True)
     return services
+
+
+def _autopilot_refusal() -> str:
+    """Reason why the chosen autopilot can't fly in the chosen world, or "".
+
+    Raises:
+        ConfigError: the settings are malformed.
+    """
+    from jezero.base.config import chosen_autopilot, load_config
+    from jezero.base.vehicle_config import VehicleConfig, px4_refusal
+
+    return px4_refusal(load_config(VehicleConfig, "vehicle")) if chosen_autopilot() == "px4" else ""
 
 
 def _is_installed(package: str) -> bool:

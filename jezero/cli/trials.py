@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import click
 
+from jezero.cli.options import world_option
 from jezero.cli.terminal import ABORTED, FAILED
 
 if TYPE_CHECKING:
@@ -257,6 +258,7 @@ def bench() -> None:
               help="Hide the tags below this height above the platform.")  # fmt: skip
 @click.option("--record", "--out", "out", type=click.Path(path_type=Path, file_okay=False), metavar="FOLDER",
               help="Record each landing, about 2 MB, for `jezero report`.")  # fmt: skip
+@world_option
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per case; `jezero report` draws them.")
 def landing(
     case: str, n: int, seed: int, jobs: int, anchors: str, out: Path | None, as_json: bool, **conditions: Any

@@ -5,20 +5,24 @@ from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
-from jezero.base.config import ConfigError, config_directory
+from jezero.base.config import ConfigError, config_directory, world_file
 from jezero.base.files import describe_os_error
 
 
 def about(**extra: str) -> dict[str, str]:
-    """Metadata of a recording: version and commit of jezero, the settings files, and the fields given.
+    """Metadata of a recording: version and commit of jezero, the settings files, the world, and the fields given.
 
     Raises:
         ConfigError: a settings file can't be read.
     """
-    settings = {}
-    for path in sorted(config_directory().glob("*.toml")):
+    settings, world = {}, world_file()
+    files = {f"settings/{path.name}": path for path in sorted(config_directory().glob("*.toml"))}
+    if world is not None:
+        extra["world"] = world.stem
+        files[f"settings/worlds/{world.name}"] = world
+    for name, path in files.items():
         try:
-            settings[f"settings/{path.name}"] = path.read_text()
+            settings[name] = path.read_text()
         except OSError as error:
             raise ConfigError(describe_os_error(error)) from None
     return {"version": version("jezero"), "commit": commit(), **extra, **settings}

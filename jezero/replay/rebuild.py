@@ -15,6 +15,9 @@ from jezero.recording.mcap_file import RecordingError
 from jezero.runtime.service import Service
 from jezero.services.table import ACTION, resolve, services
 
+PLANET = frozenset({"gravity_mps2", "density_air_kgpm3"})
+"""Settings that the simulator had, and the vehicle has now, in `planet`."""
+
 
 class SettingError(ValueError):
     """A setting can't be changed; the text says why, and what to give."""
@@ -74,7 +77,7 @@ def make_service(run: ServiceRun, changes: Mapping[str, str], own: type[Service]
         raise RecordingError(_foreign(run))
     maker = resolve((services().get(name) or ACTION).maker)
     hints = get_type_hints(maker.__init__ if inspect.isclass(maker) else maker)
-    made_with = changed(run.made_with, changes)
+    made_with = changed(_with_planet(run.made_with), changes)
     if strange := [each for each in made_with if each not in hints]:
         raise RecordingError(f"this version of jezero makes {name!r} without the recorded argument {strange[0]!r}")
     arguments = {each: _converted(name, value, hints[each]) for each, value in made_with.items()}
@@ -88,6 +91,17 @@ def make_service(run: ServiceRun, changes: Mapping[str, str], own: type[Service]
     except PluginError as error:
         raise RecordingError(str(error)) from None
     return service
+
+
+def _with_planet(made_with: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Recorded arguments, those of an older recording with gravity and air moved to the vehicle's settings."""
+    for name in ("config", "simulator"):
+        settings, vehicle = made_with.get(name), made_with.get("vehicle")
+        if isinstance(settings, dict) and isinstance(vehicle, dict) and (moved := PLANET.intersection(settings)):
+            kept = {each: value for each, value in settings.items() if each not in moved}
+            planet = {each: settings[each] for each in moved}
+            return {**made_with, name: kept, "vehicle": {**vehicle, "planet": planet}}
+    return made_with
 
 
 def _converted(service: str, value: Any, kind: Any) -> Any:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from jezero.base.config import ConfigError, chosen_autopilot, load_config
 from jezero.base.mavlink import UNIX_2015_S
-from jezero.base.vehicle_config import BatteryConfig, VehicleConfig
+from jezero.base.vehicle_config import BatteryConfig, VehicleConfig, px4_refusal
 from jezero.keys.controller_key import controller_key
 from jezero.runtime.instance import Instance
 from jezero.runtime.links import SocketLink, TcpClient, Udp
@@ -39,6 +39,8 @@ def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, Socke
     config, vehicle = load_config(AutopilotConfig, "autopilot"), load_config(VehicleConfig, "vehicle")
     ground = ground_host()
     if chosen_autopilot() == "px4":
+        if refusal := px4_refusal(vehicle):
+            raise ConfigError(refusal)
         if not is_local(ground):
             raise ConfigError(f"{HOST_VARIABLE} is for the embedded autopilot: PX4 has settings of its own for MAVLink")
         return px4.Px4(), {px4.PX4: _px4_link(instance, vehicle.battery)}

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from math import atan2, cos, hypot, sin, sqrt
 
 from jezero.base.frames import Quat, Vec3, quat_from_euler, wrap_pi
+from jezero.base.vehicle_config import HeadingSource
 from jezero.services.autopilot.config import StateEstimatorConfig
 
 MIN_FIXES = 10
@@ -26,6 +27,7 @@ class Fix:
         position_deg: (latitude_deg, longitude_deg, altitude_m).
         valid: whether the receiver has a 3D fix with enough satellites.
         satellites: number of satellites.
+        yaw_rad: heading by two antennas; None of a receiver that doesn't measure it.
     """
 
     t_us: int
@@ -33,6 +35,7 @@ class Fix:
     vel_ned_mps: Vec3
     valid: bool
     satellites: int = 0
+    yaw_rad: float | None = None
 
 
 def _mean(vectors: Iterable[Vec3], count: int) -> Vec3:
@@ -46,9 +49,11 @@ class StartAlignment:
     A movement or an invalid fix restarts it.
     """
 
-    def __init__(self, config: StateEstimatorConfig, gravity_mps2: float) -> None:
+    def __init__(self, config: StateEstimatorConfig, gravity_mps2: float, heading_by: HeadingSource) -> None:
         self._config = config
         self._gravity_mps2 = gravity_mps2
+        self._heading_by = heading_by
+        self._yaws_rad: deque[float] = deque(maxlen=MIN_FIXES)
         self._imu: deque[tuple[Vec3, Vec3]] = deque()
         self._fixes: deque[Vec3] = deque(maxlen=MIN_FIXES)
         self._mag: deque[Vec3] = deque(maxlen=MIN_FIXES)
@@ -63,13 +68,21 @@ class StartAlignment:
             return "no IMU data, or the vehicle moves"
         if len(self._fixes) < MIN_FIXES:
             return "no GNSS fix yet"
-        if len(self._mag) < MIN_FIXES:
-            return "the magnetic field is disturbed" if self._disturbed else "no magnetometer data"
+        if reason := self._no_heading_reason:
+            return reason
         if len(self._baro) < MIN_FIXES:
             return "no barometer data"
         if self._still_us < ALIGN_US:
             return "aligning, keep the vehicle still"
         return ""
+
+    @property
+    def _no_heading_reason(self) -> str:
+        if self._heading_by == "gnss":
+            return "" if len(self._yaws_rad) >= MIN_FIXES else "the GNSS receiver measures no heading yet"
+        if len(self._mag) >= MIN_FIXES:
+            return ""
+        return "the magnetic field is disturbed" if self._disturbed else "no magnetometer data"
 
     def on_imu(self, dt_us: int, acc_frd_mps2: Vec3, gyro_frd_rps: Vec3) -> None:
         """Add an IMU sample; the vehicle must not move."""
@@ -86,8 +99,11 @@ class StartAlignment:
     def on_fix(self, fix: Fix) -> None:
         if fix.valid:
             self._fixes.append(fix.position_deg)
+            if fix.yaw_rad is not None:
+                self._yaws_rad.append(fix.yaw_rad)
         else:
             self._fixes.clear()
+            self._yaws_rad.clear()
 
     def on_mag(self, field_frd_gauss: Vec3) -> None:
         """Add a magnetic field; its horizontal part is found with the direction of gravity."""
@@ -109,9 +125,15 @@ class StartAlignment:
         gyro = _mean((w for _, w in self._imu), len(self._imu))
         roll = atan2(-acc[1], -acc[2])
         pitch = atan2(acc[0], hypot(acc[1], acc[2]))
+        origin = _mean(self._fixes, len(self._fixes))
+        yaw = self._mean_yaw_rad() if self._heading_by == "gnss" else self._magnetic_yaw_rad(roll, pitch)
+        return quat_from_euler(roll, pitch, yaw), gyro, origin, sum(self._baro) / len(self._baro)
+
+    def _mean_yaw_rad(self) -> float:
+        return atan2(sum(map(sin, self._yaws_rad)), sum(map(cos, self._yaws_rad)))
+
+    def _magnetic_yaw_rad(self, roll: float, pitch: float) -> float:
         mx, my, mz = _mean(self._mag, len(self._mag))
         level_x = mx * cos(pitch) + sin(pitch) * (my * sin(roll) + mz * cos(roll))
         level_y = my * cos(roll) - mz * sin(roll)
-        yaw = wrap_pi(self._config.declination_rad - atan2(level_y, level_x))
-        origin = _mean(self._fixes, len(self._fixes))
-        return quat_from_euler(roll, pitch, yaw), gyro, origin, sum(self._baro) / len(self._baro)
+        return wrap_pi(self._config.declination_rad - atan2(level_y, level_x))

@@ -67,6 +67,10 @@ class ControlConfig(Config, frozen=True, kw_only=True):
         mc_yaw_p: yaw rate per attitude error, 1/s.
         mc_rollpitchrate_max_rps: maximum rate about the roll axis and about the pitch axis.
         mc_yawrate_max_rps: maximum yaw rate.
+        rollpitchrate_p_1ps: angular acceleration about the roll and the pitch axis per error of the rate.
+        rollpitchrate_i_1ps2: the same per integrated error.
+        yawrate_p_1ps: angular acceleration about the yaw axis per error of the rate.
+        yawrate_i_1ps2: the same per integrated error.
         mpc_tko_ramp_t_s: time in which the thrust limit rises from zero to full at takeoff.
         mpc_tko_speed_mps: climb speed of the takeoff mode.
         mpc_land_speed_mps: descent speed of the land mode below `mpc_land_alt2_m`.
@@ -92,6 +96,10 @@ class ControlConfig(Config, frozen=True, kw_only=True):
     mc_yaw_p: Positive = 2.8
     mc_rollpitchrate_max_rps: Positive = 3.8
     mc_yawrate_max_rps: Positive = 1.0
+    rollpitchrate_p_1ps: Positive = 20.0
+    rollpitchrate_i_1ps2: NonNegative = 8.0
+    yawrate_p_1ps: Positive = 6.0
+    yawrate_i_1ps2: NonNegative = 2.0
     mpc_tko_ramp_t_s: Positive = 1.0
     mpc_tko_speed_mps: Positive = 1.5
     mpc_land_speed_mps: Positive = 0.7

@@ -5,8 +5,7 @@ from math import hypot, pi, sqrt, tan
 import msgspec
 
 from jezero.base.frames import Vec3, add, norm, scale, wrap_pi
-from jezero.base.vehicle_config import AirframeConfig
-from jezero.schemas.units import GRAVITY_MPS2
+from jezero.base.vehicle_config import AirframeConfig, PlanetConfig, VehicleConfig
 from jezero.services.autopilot.config import ControlConfig
 from jezero.services.autopilot.mixer import IDLE, STOPPED, Commands, Mixer
 
@@ -14,13 +13,11 @@ Axes = tuple[float | None, float | None, float | None]
 """North, east, down; None: this quantity does not control the axis."""
 
 FREE: Axes = (None, None, None)
-RATE_P, RATE_I = 20.0, 8.0
-YAWRATE_P, YAWRATE_I = 6.0, 2.0
-"""Angular acceleration per rate error in 1/s, and per integrated rate error in 1/s²."""
 ACC_FILTER_HZ = 5.0
 """Low-pass filter of the acceleration for the D term."""
 RATE_INTEGRAL_LIMIT_RPS2 = 10.0
 VELOCITY_INTEGRAL_LIMIT_MPS2 = 5.0
+"""In the Earth's gravity; it is a tilt."""
 
 
 class ControlSetpoint(msgspec.Struct, frozen=True, gc=False):
@@ -80,8 +77,10 @@ def stopping_point_ned_m(at: Kinematics, config: ControlConfig) -> Vec3:
 class VelocityLoop:
     """Position and velocity controllers; their output is the specific force in NED."""
 
-    def __init__(self, config: ControlConfig) -> None:
-        self._force_max = GRAVITY_MPS2 / config.mpc_thr_hover
+    def __init__(self, config: ControlConfig, planet: PlanetConfig) -> None:
+        self._gravity_mps2 = planet.gravity_mps2
+        self._integral_limit_mps2 = VELOCITY_INTEGRAL_LIMIT_MPS2 * planet.gravity_ratio
+        self._force_max = planet.gravity_mps2 / config.mpc_thr_hover
         self.configure(config)
         self.vel_setpoint_ned_mps: Vec3 = (0.0, 0.0, 0.0)
         self.reset()
@@ -136,18 +135,18 @@ class VelocityLoop:
         saturated = (
             acc_setpoint[0] - force[0],
             acc_setpoint[1] - force[1],
-            acc_setpoint[2] - (force[2] + GRAVITY_MPS2),
+            acc_setpoint[2] - (force[2] + self._gravity_mps2),
         )
         for i in range(3):
             p, gain = (c.mpc_z_vel_p_acc, c.mpc_z_vel_i_acc) if i == 2 else (c.mpc_xy_vel_p_acc, c.mpc_xy_vel_i_acc)
             integral = self._integral[i] + gain * (error[i] - 2.0 / p * saturated[i]) * dt
-            self._integral[i] = max(-VELOCITY_INTEGRAL_LIMIT_MPS2, min(VELOCITY_INTEGRAL_LIMIT_MPS2, integral))
+            self._integral[i] = max(-self._integral_limit_mps2, min(self._integral_limit_mps2, integral))
         return force
 
     def _limit_force(self, acc_ned_mps2: list[float]) -> Vec3:
         """Limit thrust and tilt. The vertical part has priority; the horizontal part is shortened."""
         n, e, d = acc_ned_mps2
-        d = max(-self._force_max, min(-self._force_min, d - GRAVITY_MPS2))
+        d = max(-self._force_max, min(-self._force_min, d - self._gravity_mps2))
         horizontal_max = min(-d * self._tan_tilt, sqrt(max(0.0, self._force_max * self._force_max - d * d)))
         size = hypot(n, e)
         if size > horizontal_max:
@@ -165,7 +164,9 @@ class AttitudeLoop:
 
     def configure(self, config: ControlConfig) -> None:
         """Apply new settings at once."""
-        self._config = config
+        self._config = c = config
+        rollpitch, yaw = (c.rollpitchrate_p_1ps, c.rollpitchrate_i_1ps2), (c.yawrate_p_1ps, c.yawrate_i_1ps2)
+        self._gains = (rollpitch, rollpitch, yaw)
 
     def reset(self) -> None:
         self._integral = [0.0, 0.0, 0.0]
@@ -201,7 +202,7 @@ class AttitudeLoop:
         torque = [0.0, 0.0, 0.0]
         for i in range(3):
             error = rate_setpoint[i] - rates_frd_rps[i]
-            p, gain = (YAWRATE_P, YAWRATE_I) if i == 2 else (RATE_P, RATE_I)
+            p, gain = self._gains[i]
             torque[i] = self._inertia[i] * (p * error + self._integral[i])
             integral = self._integral[i] + gain * error * dt
             self._integral[i] = max(-RATE_INTEGRAL_LIMIT_RPS2, min(RATE_INTEGRAL_LIMIT_RPS2, integral))
@@ -211,12 +212,13 @@ class AttitudeLoop:
 class CascadeController:
     """The whole cascade. `step_outer` runs the velocity loop at a lower rate, `step_inner` the rest per IMU sample."""
 
-    def __init__(self, config: ControlConfig, airframe: AirframeConfig) -> None:
+    def __init__(self, config: ControlConfig, vehicle: VehicleConfig) -> None:
         self._config = config
-        self._velocity = VelocityLoop(config)
-        self._attitude = AttitudeLoop(config, airframe)
-        self._mixer = Mixer(airframe, config.mpc_thr_hover)
-        self._mass_kg = airframe.mass_kg
+        self._velocity = VelocityLoop(config, vehicle.planet)
+        self._attitude = AttitudeLoop(config, vehicle.airframe)
+        self._mixer = Mixer(vehicle, config.mpc_thr_hover)
+        self._mass_kg = vehicle.airframe.mass_kg
+        self._gravity_mps2, self._weight_n = vehicle.planet.gravity_mps2, vehicle.weight_n
         self.reset(0.0)
 
     def configure(self, config: ControlConfig) -> None:
@@ -276,7 +278,7 @@ class CascadeController:
             self._velocity.reset()
             self._attitude.reset()
             self._yaw_rad, self._yaw_rate_rps = at.yaw_rad, 0.0
-            self._force_setpoint_ned_mps2 = (0.0, 0.0, -1.3 * GRAVITY_MPS2)
+            self._force_setpoint_ned_mps2 = (0.0, 0.0, -1.3 * self._gravity_mps2)
         ramp = dt / c.mpc_tko_ramp_t_s
         if in_contact:
             self._ramp = max(0.0, min(self._ramp, self.thrust_hover_ratio * c.mpc_thr_hover) - 2.0 * ramp)
@@ -290,7 +292,7 @@ class CascadeController:
         along = -(fn * r[2] + fe * r[5] + fd * r[8])
         thrust = max(self._config.mpc_thr_min * self._mixer.thrust_full_n, along * self._mass_kg)
         thrust = min(thrust, self._ramp * self._mixer.thrust_full_n)
-        self.thrust_hover_ratio = thrust / (self._mass_kg * GRAVITY_MPS2)
+        self.thrust_hover_ratio = thrust / self._weight_n
         return self._mixer.commands(thrust, torques)
 
     def idle(self, yaw_rad: float) -> Commands:

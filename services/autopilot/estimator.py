@@ -34,6 +34,7 @@ from jezero.base.frames import (
     wrap_pi,
     yaw_from_quat,
 )
+from jezero.base.vehicle_config import HeadingSource
 from jezero.services.autopilot.alignment import FIX_AGE_MAX_US, MAG_CHECK_GAUSS, Fix, StartAlignment
 from jezero.services.autopilot.config import StateEstimatorConfig
 from jezero.services.autopilot.heading import HeadingGate, MotionHeading
@@ -56,6 +57,7 @@ STD_FAKE_VEL_MPS = 3.0
 Otherwise attitude and heading would drift along with the velocity. The vehicle descends at that time, so its velocity
 is low. Source: EKF2's fusion of a fake position.
 """
+HEADING_SENSORS: dict[HeadingSource, str] = {"magnetometer": "magnetometer", "gnss": "GNSS receiver"}
 ACC_BIAS_LIMIT_MPS2 = 0.4
 GYRO_BIAS_LIMIT_RPS = 0.15
 
@@ -66,10 +68,13 @@ IDENTITY: Matrix = np.eye(15)
 class StateEstimator:
     """The filter. IMU samples must come in the order of time; other measurements are fused as they arrive."""
 
-    def __init__(self, config: StateEstimatorConfig, gravity_mps2: float) -> None:
+    def __init__(
+        self, config: StateEstimatorConfig, gravity_mps2: float, heading_by: HeadingSource = "magnetometer"
+    ) -> None:
         self._config = config
+        self._heading_by = heading_by
         self._gravity_mps2 = gravity_mps2
-        self._alignment = StartAlignment(config, gravity_mps2)
+        self._alignment = StartAlignment(config, gravity_mps2, heading_by)
         self.running = False
         self.t_us = 0
         self.q_ned_from_frd: Quat = (1.0, 0.0, 0.0, 0.0)
@@ -92,11 +97,11 @@ class StateEstimator:
         self._started_us = 0
         self._fake_vel_due_us = 0
         self._correction_sum = [0.0] * 6
-        self._history: deque[tuple[int, Vec3, Vec3]] = deque(maxlen=HISTORY_LENGTH)
+        self._history: deque[tuple[int, Vec3, Vec3, float]] = deque(maxlen=HISTORY_LENGTH)
         self._pos_reset = ResetDetector()
         self._vel_reset = ResetDetector()
         self._height_reset = ResetDetector()
-        self._heading_gate = HeadingGate()
+        self._heading_gate = HeadingGate(HEADING_SENSORS[heading_by])
         self._motion_heading = MotionHeading()
         self._turned_ned_rad: Vec3 = (0.0, 0.0, 0.0)
         """Sum of all corrections of the attitude."""
@@ -195,6 +200,9 @@ class StateEstimator:
         if any(index < 8 for index, _, _ in innovations):
             self._fake_vel_due_us = self.t_us + NO_AIDING_TIMEOUT_US
         self._update(innovations)
+        if self._heading_by == "gnss" and fix.yaw_rad is not None:
+            then_us = fix.t_us or self.t_us - int(c.ekf2_gps_delay_s * 1e6)
+            self._fuse_heading(wrap_pi(fix.yaw_rad - self._yaw_at(then_us)))
         motion = self._motion_heading
         motion.on_fix(fix.t_us or self.t_us - int(c.ekf2_gps_delay_s * 1e6), fix.vel_ned_mps)
         if motion.insists:
@@ -221,7 +229,12 @@ class StateEstimator:
             self._height_reset.clear()
 
     def on_mag(self, field_frd_gauss: Vec3) -> None:
-        """Fuse the heading of a field with a plausible horizontal strength; the tilt is not corrected by it."""
+        """Fuse the heading of a field with a plausible horizontal strength; the tilt is not corrected by it.
+
+        A vehicle whose heading another sensor measures ignores it.
+        """
+        if self._heading_by != "magnetometer":
+            return
         if not self.running:
             self._alignment.on_mag(field_frd_gauss)
             return
@@ -232,7 +245,15 @@ class StateEstimator:
         c = self._config
         if abs(hypot(north, east) - c.field_horizontal_gauss) > MAG_CHECK_GAUSS:
             return
-        error, gate = wrap_pi(c.declination_rad - atan2(east, north)), self._heading_gate
+        self._fuse_heading(wrap_pi(c.declination_rad - atan2(east, north)))
+
+    def _fuse_heading(self, error: float) -> None:
+        """Fuse a measured heading, or reset the heading to it.
+
+        Args:
+            error: measured minus estimated heading.
+        """
+        c, gate = self._config, self._heading_gate
         match gate.judge(self.t_us, error, c.ekf2_head_gate_rad + 3.0 * sqrt(self.P[2, 2])):
             case "fuse":
                 self._update([(2, error, c.ekf2_head_noise_rad)])
@@ -326,19 +347,26 @@ class StateEstimator:
         self._covariance_us = 0
         self._delta_vel_ned_mps = [0.0, 0.0, 0.0]
         d, (vn, ve, vd), (pn, pe, pd) = self._correction_sum, self.vel_ned_mps, self.pos_ned_m
+        yaw = self.yaw_rad - self._turned_ned_rad[2]
         self._history.append(
-            (self.t_us, (vn - d[0], ve - d[1], vd - d[2]), (pn - d[3], pe - d[4], pd - d[5])),
+            (self.t_us, (vn - d[0], ve - d[1], vd - d[2]), (pn - d[3], pe - d[4], pd - d[5]), yaw),
         )
 
     def _state_at(self, t_us: int) -> tuple[Vec3, Vec3]:
         """Position and velocity at a past time, with all corrections since then applied."""
         if not self._history:
             return self.pos_ned_m, self.vel_ned_mps
-        then_us, v, p = min(self._history, key=lambda entry: abs(entry[0] - t_us))
+        then_us, v, p, _ = min(self._history, key=lambda entry: abs(entry[0] - t_us))
         d, dt = self._correction_sum, (t_us - then_us) * 1e-6
         vel = (v[0] + d[0], v[1] + d[1], v[2] + d[2])
         pos = (p[0] + d[3] + vel[0] * dt, p[1] + d[4] + vel[1] * dt, p[2] + d[5] + vel[2] * dt)
         return pos, vel
+
+    def _yaw_at(self, t_us: int) -> float:
+        """Heading at a past time, with all corrections since then applied."""
+        if not self._history:
+            return self.yaw_rad
+        return min(self._history, key=lambda entry: abs(entry[0] - t_us))[3] + self._turned_ned_rad[2]
 
     def _reset(self, first: int, step: tuple[float, ...], std: float) -> None:
         """Reset error states to a sensor in one step, and remove their correlations.

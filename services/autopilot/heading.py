@@ -34,10 +34,14 @@ class HeadingGate:
 
     Attributes:
         landed: whether the vehicle is on the ground.
+
+    Args:
+        sensor: what measures the heading, for people.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, sensor: str = "magnetometer") -> None:
         self.landed = True
+        self._sensor = sensor
         self._detector = ResetDetector()
         """Its innovation is the cosine and sine of the heading's innovation, which can be averaged."""
         self._good = REOPENS_AFTER
@@ -56,7 +60,7 @@ class HeadingGate:
         """Text on the compass that is being rejected, or ""."""
         if not self._detector.mean_innovation:
             return ""
-        return f"the magnetometer's heading is {abs(degrees(self.error_rad)):.0f} degrees off the estimate"
+        return f"the {self._sensor}'s heading is {abs(degrees(self.error_rad)):.0f} degrees off the estimate"
 
     def judge(self, t_us: int, error_rad: float, gate_rad: float) -> Literal["fuse", "reject", "reset"]:
         """Judge one reading; on "reset" the heading is reset by `error_rad`, then `clear` is called.

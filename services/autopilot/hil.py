@@ -5,6 +5,7 @@ Source: MAVLink common dialect; PX4 v1.15 `simulator_mavlink`.
 """
 
 from collections.abc import Iterator
+from math import radians
 
 import msgspec
 
@@ -116,4 +117,5 @@ def _fix(message: MavMessage) -> Fix:
         vel_ned_mps=(message.vn * 0.01, message.ve * 0.01, message.vd * 0.01),
         valid=message.fix_type >= FIX_3D and message.satellites_visible >= MIN_SATELLITES,
         satellites=message.satellites_visible,
+        yaw_rad=radians(0.01 * message.yaw) if message.yaw else None,
     )

@@ -5,8 +5,7 @@ from math import inf
 import numpy as np
 
 from jezero.base.frames import Vec3
-from jezero.base.vehicle_config import AirframeConfig
-from jezero.schemas.units import GRAVITY_MPS2
+from jezero.base.vehicle_config import VehicleConfig
 
 Commands = tuple[float, float, float, float]
 """One per rotor, 0 to 1."""
@@ -26,8 +25,9 @@ class Mixer:
         hover: hover thrust as a fraction of full thrust.
     """
 
-    def __init__(self, airframe: AirframeConfig, hover: float) -> None:
-        full_n = airframe.mass_kg * GRAVITY_MPS2 / hover
+    def __init__(self, vehicle: VehicleConfig, hover: float) -> None:
+        airframe = vehicle.airframe
+        full_n = vehicle.weight_n / hover
         self.thrust_full_n = full_n
         self._rotor_full_n = full_n / 4.0
         rotors = zip(airframe.pos_rotors_frd_m, airframe.moment_per_thrust_m, strict=True)

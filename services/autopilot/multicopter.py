@@ -2,7 +2,7 @@
 
 from jezero.base.detectors import is_tilted_by_contact
 from jezero.base.frames import Vec3
-from jezero.base.vehicle_config import AirframeConfig
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.control import CascadeController, ControlSetpoint, Kinematics
 from jezero.services.autopilot.estimator import StateEstimator
@@ -25,10 +25,10 @@ class MulticopterController:
         detector: the land detector.
     """
 
-    def __init__(self, config: AutopilotConfig, airframe: AirframeConfig, estimator: StateEstimator) -> None:
+    def __init__(self, config: AutopilotConfig, vehicle: VehicleConfig, estimator: StateEstimator) -> None:
         self.detector = LandDetector(config.land_detector)
         self._estimator = estimator
-        self._controller = CascadeController(config.control, airframe)
+        self._controller = CascadeController(config.control, vehicle)
         self._step = 0
         self._outer_s = 0.0
         self._armed_s = 0.0

@@ -10,7 +10,6 @@ from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.service import Health, Inbox, Output, Publish, Send, Spec
 from jezero.schemas.commands import CameraPitch
 from jezero.schemas.topics import SIMULATED_GIMBAL
-from jezero.schemas.units import GRAVITY_MPS2
 from jezero.services.autopilot.alignment import Fix
 from jezero.services.autopilot.config import AutopilotConfig, SigningConfig
 from jezero.services.autopilot.estimator import StateEstimator
@@ -75,7 +74,7 @@ class Autopilot:
         self._system_id = system_id
         self._insecurity = f"; {insecurity}" if insecurity else ""
         self._parameters = Parameters(config, vehicle.battery, system_id)
-        self._airframe = vehicle.airframe
+        self._robot = vehicle
         self._signing = signing_by_link(config.signing, kept_stamp, keep_stamp)
         self._since_2015_10us = int(since_2015_s * 1e5)
         if offboard_key:  # what was sent before the start isn't accepted; a kept time stamp would cost some seconds
@@ -89,10 +88,12 @@ class Autopilot:
 
     def _restart(self) -> None:
         config = self._parameters.config
-        estimator = StateEstimator(config.estimator, GRAVITY_MPS2)
+        estimator = StateEstimator(config.estimator, self._robot.planet.gravity_mps2, self._robot.heading_by)
         self._hil = HilLink(self._system_id)
-        controller = MulticopterController(config, self._airframe, estimator)
-        self._vehicle = AutopilotVehicle(self._parameters, self._system_id, estimator, controller)
+        controller = MulticopterController(config, self._robot, estimator)
+        self._vehicle = AutopilotVehicle(
+            self._parameters, self._system_id, estimator, controller, self._robot.heading_by
+        )
         self._mavlink = MavlinkInterface(
             self._vehicle, self._parameters, self._system_id, (OFFBOARD, GCS), self._signing
         )

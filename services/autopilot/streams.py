@@ -16,7 +16,6 @@ PREARM = dialect.MAV_SYS_STATUS_PREARM_CHECK
 SENSORS = (
     dialect.MAV_SYS_STATUS_SENSOR_3D_GYRO
     | dialect.MAV_SYS_STATUS_SENSOR_3D_ACCEL
-    | dialect.MAV_SYS_STATUS_SENSOR_3D_MAG
     | dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
     | dialect.MAV_SYS_STATUS_SENSOR_GPS
     | dialect.MAV_SYS_STATUS_SENSOR_BATTERY
@@ -55,6 +54,7 @@ class Snapshot(msgspec.Struct, frozen=True, gc=False):
         thrust: collective thrust, 0 to 1.
         battery_remaining: fraction of the capacity, 0 to 1.
         battery_level: 0 normal, 1 low, 2 critical, 3 emergency.
+        has_magnetometer: whether a magnetometer measures the heading.
     """
 
     system_id: int
@@ -85,6 +85,7 @@ class Snapshot(msgspec.Struct, frozen=True, gc=False):
     battery_used_mah: float
     battery_remaining: float
     battery_level: int
+    has_magnetometer: bool = True
 
     @property
     def t_ms(self) -> int:
@@ -166,10 +167,11 @@ def _extended_sys_state(now: Snapshot) -> MavMessage:
 
 
 def _sys_status(now: Snapshot) -> MavMessage:
-    healthy = SENSORS | (PREARM if now.armable else 0)
+    present = SENSORS | (dialect.MAV_SYS_STATUS_SENSOR_3D_MAG if now.has_magnetometer else 0)
+    healthy = present | (PREARM if now.armable else 0)
     return dialect.MAVLink_sys_status_message(
-        SENSORS | PREARM,
-        SENSORS | PREARM,
+        present | PREARM,
+        present | PREARM,
         healthy,
         0,
         round(now.battery_v * 1e3),

@@ -6,6 +6,7 @@ from typing import Protocol
 
 from jezero.base.detectors import SLOPE_SINE_MAX, TILT_SINE_MAX, FrozenSensorDetector
 from jezero.base.frames import Quat, Vec3, subtract
+from jezero.base.vehicle_config import HeadingSource
 from jezero.services.autopilot.alignment import FIX_AGE_MAX_US, Fix
 from jezero.services.autopilot.battery import BatteryModel
 from jezero.services.autopilot.commander import Commander, CommanderState
@@ -135,7 +136,12 @@ class AutopilotVehicle:
     """
 
     def __init__(
-        self, parameters: Parameters, system_id: int, estimator: StateEstimate, flight_controller: FlightController
+        self,
+        parameters: Parameters,
+        system_id: int,
+        estimator: StateEstimate,
+        flight_controller: FlightController,
+        heading_by: HeadingSource = "magnetometer",
     ) -> None:
         config = parameters.config
         self._parameters = parameters
@@ -149,6 +155,8 @@ class AutopilotVehicle:
         self._battery = BatteryModel(parameters.battery, config.charge_at_start, config.control.mpc_thr_hover)
         self._fix: Fix | None = None
         self._fix_us: int | None = None
+        self._heading_by = heading_by
+        self._yaw_us: int | None = None
         self.newest_range: RangeSample | None = None
         self.gimbal = GimbalManager()
         self._valid_fix_us: int | None = None
@@ -187,6 +195,8 @@ class AutopilotVehicle:
         self._fix, self._fix_us = fix, self.t_us
         if fix.valid:
             self._valid_fix_us = self.t_us
+        if fix.valid and fix.yaw_rad is not None:
+            self._yaw_us = self.t_us
         self.estimator.on_fix(fix)
         self._apply_position_reset()
 
@@ -369,7 +379,9 @@ class AutopilotVehicle:
             return "no sensor data"
         if invalid_reason := self.estimator.invalid_reason:
             return invalid_reason
-        ages = (("GNSS", self._fix_us), ("magnetometer", self._mag_us), ("barometer", self._baro_us))
+        by_gnss = self._heading_by == "gnss"
+        heading = ("GNSS heading", self._yaw_us) if by_gnss else ("magnetometer", self._mag_us)
+        ages = (("GNSS", self._fix_us), heading, ("barometer", self._baro_us))
         for name, last_us in ages:
             if self._age_s(last_us) > SENSOR_TIMEOUT_S:
                 return f"no {name} data for {self._age_s(last_us):.1f} s"
@@ -400,6 +412,7 @@ class AutopilotVehicle:
             reset_counter=estimator.reset_counter,
             origin_deg=estimator.origin_deg,
             home_ned_m=self.home_ned_m,
+            has_magnetometer=self._heading_by == "magnetometer",
             setpoint=self._active_setpoint,
             vel_setpoint_ned_mps=self._flight_controller.vel_setpoint_ned_mps,
             fix=self._fix,

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
+from jezero.base.vehicle_config import HeadingSource
 from jezero.schemas.estimate import SetParameters
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.rows import Topic
@@ -31,6 +32,7 @@ class Readings:
         charge_problem: what is wrong with the reported charge, see `ChargeWatch`, or "".
         compass_problem: what is wrong with the compass, see `HeadingWatch`, or "".
         height_problem: which measured height is wrong, see `HeightWatch`, or "".
+        heading_by: what measures the vehicle's heading, see `VehicleConfig`.
         keys_problem: what is wrong with the certificate of this computer, or "".
     """
 
@@ -45,6 +47,7 @@ class Readings:
     charge_problem: str = ""
     compass_problem: str = ""
     height_problem: str = ""
+    heading_by: HeadingSource = "magnetometer"
     keys_problem: str = ""
 
     def all(self, topic: Topic[M]) -> tuple[M, ...]:

@@ -9,10 +9,12 @@ from math import atan2, cos, degrees, hypot, sin
 from statistics import median, stdev
 from typing import Any, NamedTuple
 
+from msgspec import UNSET
+
 from jezero.base.frames import Vec3, horizontal, ned_from_geodetic, quat_rotate, subtract, wrap_pi, yaw_from_quat
 from jezero.schemas.preflight import Check, CheckName, Verdict
 from jezero.schemas.rows import Topic
-from jezero.schemas.state import StatusCode
+from jezero.schemas.state import Odometry, StatusCode
 from jezero.schemas.topics import ALTIMETER, BARO, ESTIMATE_TAG, GNSS, IMU, MAG, ROVER_ODOMETRY, UWB
 from jezero.services.preflight.earth_field import earth_field
 from jezero.services.preflight.readings import Readings
@@ -41,6 +43,7 @@ SATELLITES_MIN = 6
 HEADING_WARN_RAD, HEADING_MAX_RAD = 0.35, 1.05
 """20 and 60 degrees: the angle between magnetic and true north, up to 20 degrees in inhabited places, is in it."""
 ROVER_HEADING_WARN_RAD = 0.17
+GNSS_HEADING_WARN_RAD = 0.17
 STRENGTH_SHARE_MAX, DIP_MAX_RAD = 0.2, 0.17
 """Differences of the magnetic field from the Earth's at the place: a compass near iron, or one that is mounted on its
 side. The tables of the Earth's field are good to some percent and one or two degrees."""
@@ -50,18 +53,19 @@ STANDING_RANGE_MAX_M = 0.8
 
 def check_sensors(readings: Readings) -> Check:
     """Whether every sensor sends, in time and often enough."""
-    failed, warned = list(_silent(readings, NEEDED)), list(_silent(readings, ROVER_SENSORS))
+    needed = [topic for topic in NEEDED if topic is not MAG or readings.heading_by == "magnetometer"]
+    failed, warned = list(_silent(readings, needed)), list(_silent(readings, ROVER_SENSORS))
     failed += [*_altimeter_too_high(readings), *([readings.height_problem] if readings.height_problem else [])]
-    never = [WORDS[t.name] for t in (*NEEDED, *ROVER_SENSORS) if not readings.all(t) and t.name not in readings.heard]
+    never = [WORDS[t.name] for t in (*needed, *ROVER_SENSORS) if not readings.all(t) and t.name not in readings.heard]
     if never:
         warned.append(f"no readings of {', '.join(never)} so far")
-    for topic in (*NEEDED, *ROVER_SENSORS):
+    for topic in (*needed, *ROVER_SENSORS):
         rate_hz = len(readings.all(topic)) / max(readings.duration_s, DURATION_MIN_S)
         if readings.all(topic) and topic.rate_hz is not None and rate_hz < RATE_MIN * topic.rate_hz:
             warned.append(f"{WORDS[topic.name]} sends {rate_hz:.0f} instead of {topic.rate_hz:g} readings a second")
     if failed or warned:
         return _check("sensors", "failed" if failed else "warning", "; ".join([*failed, *warned]))
-    ages = [age_s for topic in (*NEEDED, *ROVER_SENSORS) if (age_s := readings.age_s(topic)) is not None]
+    ages = [age_s for topic in (*needed, *ROVER_SENSORS) if (age_s := readings.age_s(topic)) is not None]
     return _check("sensors", "passed", f"all {len(ages)} send, the oldest reading is {1000.0 * max(ages):.0f} ms old")
 
 
@@ -181,6 +185,8 @@ def check_compass(readings: Readings) -> Check:
         return _check("compass", "failed", readings.compass_problem)
     fields, status = readings.all(MAG), readings.status
     odometry = None if status is None else status.odometry
+    if readings.heading_by == "gnss":
+        return _check_gnss_heading(readings, odometry)
     if not fields or odometry is None:
         return _check("compass", "warning", "no magnetometer or no heading to compare")
     level = [quat_rotate(odometry.q_ned_from_frd, m.field_frd_gauss) for m in fields]
@@ -193,6 +199,22 @@ def check_compass(readings: Readings) -> Check:
     if unlike := _unlike_earth(level, odometry.origin_deg):
         text, warned = f"{text}; {unlike}", True
     advice = ": keep metal away, calibrate it, and check how it is mounted" if warned else ""
+    return _check("compass", "failed" if failed else "warning" if warned else "passed", text + advice)
+
+
+def _check_gnss_heading(readings: Readings, odometry: Odometry | None) -> Check:
+    """Whether the autopilot's heading agrees with the GNSS receiver's, of a vehicle without a magnetometer."""
+    yaws_rad = [fix.yaw_uav_rad for fix in readings.all(GNSS) if fix.yaw_uav_rad is not UNSET]
+    if not yaws_rad or odometry is None:
+        return _check("compass", "warning", "no heading of the GNSS receiver, or of the autopilot, to compare")
+    heading_rad = yaw_from_quat(odometry.q_ned_from_frd)
+    apart_rad = abs(wrap_pi(_mean_angle(yaws_rad) - heading_rad))
+    text = (
+        f"the autopilot's heading is {degrees(heading_rad) % 360.0:.0f}°, {degrees(apart_rad):.0f}° from that of the "
+    )
+    text += "GNSS receiver's two antennas; there is no magnetometer"
+    failed, warned = apart_rad > HEADING_MAX_RAD, apart_rad > GNSS_HEADING_WARN_RAD
+    advice = ": check how the antennas are mounted" if warned else ""
     return _check("compass", "failed" if failed else "warning" if warned else "passed", text + advice)
 
 

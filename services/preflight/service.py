@@ -224,6 +224,7 @@ class Preflight:
             charge_problem=self._charge.problem,
             compass_problem=self._heading.problem,
             height_problem=self._height.problem,
+            heading_by=self._vehicle.heading_by,
             keys_problem=self._keys,
         )
         checks = tuple(check(readings) for check in CHECKS)

@@ -33,7 +33,7 @@ class OriginConfig(Config, frozen=True, kw_only=True):
 
     latitude_deg: Annotated[float, Meta(ge=-85.0, le=85.0)] = 47.397742
     longitude_deg: Annotated[float, Meta(ge=-180.0, le=180.0)] = 8.545594
-    altitude_m: Annotated[float, Meta(ge=-500.0, le=9000.0)] = 488.0
+    altitude_m: Annotated[float, Meta(ge=-9000.0, le=25_000.0)] = 488.0
     field_ned_gauss: tuple[Gauss, Gauss, Gauss] = (0.216, 0.012, 0.432)
 
     @property
@@ -58,6 +58,13 @@ class TerrainConfig(Config, frozen=True, kw_only=True):
         radius_rock_min_m: smallest radius of a rock.
         radius_rock_max_m: greatest radius of a rock.
         friction: friction of the ground; the friction coefficient is its product with `friction_feet` of the vehicle.
+        heights: GeoTIFF of a real place, whose heights replace hills and craters; in the folder of the settings, or
+            with its whole path; "" for none. The rocks stay.
+        heights_north_m: where the map's origin is in it, to the north of its middle.
+        heights_east_m: where the map's origin is in it, to the east of its middle.
+        basin_radius_m: radius of a crater at one place, a fifth as deep as wide from its middle to the rim; 0 for none.
+        basin_north_m: place of its middle, north of the map's origin.
+        basin_east_m: place of its middle, east of the map's origin.
     """
 
     seed: Annotated[int, Meta(ge=0)] = 1
@@ -72,6 +79,12 @@ class TerrainConfig(Config, frozen=True, kw_only=True):
     radius_rock_min_m: Positive = 0.1
     radius_rock_max_m: Positive = 0.35
     friction: NonNegative = 0.9
+    heights: str = ""
+    heights_north_m: Annotated[float, Meta(ge=-1e6, le=1e6)] = 0.0
+    heights_east_m: Annotated[float, Meta(ge=-1e6, le=1e6)] = 0.0
+    basin_radius_m: Annotated[float, Meta(ge=0.0, le=50.0)] = 0.0
+    basin_north_m: Coordinate = 0.0
+    basin_east_m: Coordinate = 0.0
 
 
 class WindConfig(Config, frozen=True, kw_only=True):
@@ -205,6 +218,9 @@ class GnssConfig(Config, frozen=True, kw_only=True):
         std_bias_vertical_m: standard deviation of the slowly varying error of the altitude.
         tau_bias_s: time constant of the slowly varying errors.
         std_velocity_mps: standard deviation of the white noise of the velocity, on each axis.
+        std_yaw_rad: standard deviation of the white noise of the heading by two antennas, of a vehicle that has them
+            (`heading_by` in vehicle.toml).
+        std_bias_yaw_rad: standard deviation of the slowly varying error of this heading.
         satellites: reported number of satellites.
     """
 
@@ -216,6 +232,8 @@ class GnssConfig(Config, frozen=True, kw_only=True):
     std_bias_vertical_m: NonNegative = 0.35
     tau_bias_s: Positive = 120.0
     std_velocity_mps: NonNegative = 0.05
+    std_yaw_rad: NonNegative = 0.02
+    std_bias_yaw_rad: NonNegative = 0.01
     satellites: Annotated[int, Meta(ge=0, le=255)] = 14
 
 
@@ -353,9 +371,6 @@ class SimulatorConfig(Config, frozen=True, kw_only=True):
     """Tables of `simulator.toml`.
 
     Attributes:
-        gravity_mps2: gravitational acceleration. PX4 assumes 9.81, and the vehicle could not fly in the air of Mars:
-            only the ground is like that of Mars.
-        density_air_kgpm3: density of the air.
         pace: seconds of vehicle time in one of real time. The clocks of a real vehicle differ by some 1e-5 from this
             computer's.
         time_from_boot: whether the autopilot's time is 0 when it connects, as that of a flight controller that boots. A
@@ -376,8 +391,6 @@ class SimulatorConfig(Config, frozen=True, kw_only=True):
         rover_odometry: errors of the rover's odometry.
     """
 
-    gravity_mps2: Positive = 9.81
-    density_air_kgpm3: Positive = 1.2
     pace: Annotated[float, Meta(ge=0.1, le=2.0)] = 1.0
     time_from_boot: bool = False
     rover_host: str = "127.0.0.1"

@@ -7,6 +7,8 @@ Source: MAVLink common dialect; PX4 v1.15 `simulator_mavlink`, which uses a grou
 from collections.abc import Sequence
 from math import atan2, degrees, hypot, inf, sqrt
 
+from msgspec import UNSET
+
 from jezero.base.frames import Vec3
 from jezero.base.mavlink import FramePacker, MavlinkCodec, MavMessage, dialect
 from jezero.base.vehicle_config import AltimeterMountConfig
@@ -97,6 +99,7 @@ class HilPort:
                 _cmps(down_mps),
                 round(course_deg * 100.0) % 36_000,
                 fix.satellites,
+                yaw=0 if fix.yaw_uav_rad is UNSET else _yaw_cdeg(fix.yaw_uav_rad),
             )
         )
 
@@ -116,6 +119,11 @@ def _motor_commands(message: MavMessage) -> Sequence[float]:
     if not message.mode & ARMED:
         return MOTORS_OFF
     return tuple(min(value, 1.0) if 0.0 < value < inf else 0.0 for value in message.controls[:4])
+
+
+def _yaw_cdeg(yaw_rad: float) -> int:
+    """Heading in hundredths of a degree; 0 would mean that there is none, so north is 360 degrees."""
+    return round(100.0 * degrees(yaw_rad)) % 36_000 or 36_000
 
 
 def _cmps(speed_mps: float) -> int:

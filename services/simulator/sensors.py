@@ -3,8 +3,10 @@
 Each sensor draws from a stream of its own, so that switching one off leaves the others' errors as they were.
 """
 
-from math import ceil, cos, sin
+from math import ceil, cos, exp, log, sin
 from typing import NamedTuple
+
+from msgspec import UNSET
 
 from jezero.base.frames import (
     Vec3,
@@ -18,8 +20,9 @@ from jezero.base.frames import (
     scale,
     subtract,
     wrap_pi,
+    yaw_from_quat,
 )
-from jezero.base.vehicle_config import AltimeterMountConfig, UwbLayoutConfig
+from jezero.base.vehicle_config import AltimeterMountConfig, HeadingSource, PlanetConfig, UwbLayoutConfig
 from jezero.schemas import sensors as messages
 from jezero.schemas.units import NS_PER_S
 from jezero.services.simulator.body import BodyState, RoverState
@@ -35,7 +38,6 @@ from jezero.services.simulator.config import (
 )
 from jezero.services.simulator.noise import Normals, Wander, generator, normals_of
 
-PRESSURE_SEA_PA = 101_325.0
 TEMPERATURE_SEA_K = 288.15
 LAPSE_KPM = 0.0065
 PRESSURE_EXPONENT = 5.25588
@@ -43,14 +45,18 @@ BIAS_STEPS = 25
 """The IMU's bias advances once in this number of samples: it hardly changes between two of them."""
 
 
-def pressure_pa(altitude_m: float) -> float:
-    """Static pressure of the standard atmosphere below 11 km."""
-    return float(PRESSURE_SEA_PA * (1.0 - LAPSE_KPM * altitude_m / TEMPERATURE_SEA_K) ** PRESSURE_EXPONENT)
+def pressure_pa(altitude_m: float, planet: PlanetConfig) -> float:
+    """Static pressure of the planet's air; that of the Earth's standard atmosphere below 11 km."""
+    if planet.scale_height_m is not None:
+        return planet.pressure_datum_pa * exp(-altitude_m / planet.scale_height_m)
+    return float(planet.pressure_datum_pa * (1.0 - LAPSE_KPM * altitude_m / TEMPERATURE_SEA_K) ** PRESSURE_EXPONENT)
 
 
-def altitude_pressure_m(static_pressure_pa: float) -> float:
+def altitude_pressure_m(static_pressure_pa: float, planet: PlanetConfig) -> float:
     """Inverse of `pressure_pa`."""
-    ratio = max(static_pressure_pa, 1.0) / PRESSURE_SEA_PA
+    ratio = max(static_pressure_pa, 1.0) / planet.pressure_datum_pa
+    if planet.scale_height_m is not None:
+        return -planet.scale_height_m * log(ratio)
     return float(TEMPERATURE_SEA_K / LAPSE_KPM * (1.0 - ratio ** (1.0 / PRESSURE_EXPONENT)))
 
 
@@ -107,11 +113,14 @@ class ImuModel:
 class GnssModel:
     """Fixes with white noise on a wandering error, which the velocity doesn't show."""
 
-    def __init__(self, config: GnssConfig, origin: OriginConfig, seed: int) -> None:
+    def __init__(self, config: GnssConfig, origin: OriginConfig, seed: int, heading_by: HeadingSource) -> None:
         self._normals = normals_of(generator(seed, "gnss"))
         horizontal_m, vertical_m = config.std_bias_horizontal_m, config.std_bias_vertical_m
         stds_m = (horizontal_m, horizontal_m, vertical_m)
         self._bias_m = _Bias(stds_m, config.tau_bias_s, 1.0 / config.rate_hz, self._normals)
+        self._normals_yaw = normals_of(generator(seed, "gnss yaw"))
+        self._bias_yaw_rad = Wander(config.std_bias_yaw_rad, config.tau_bias_s, 1.0 / config.rate_hz, self._normals_yaw)
+        self._has_yaw = heading_by == "gnss"
         self._origin_deg = origin.origin_deg
         self._config = config
         self._claim_horizontal_m = _round_up(config.std_horizontal_m + horizontal_m)
@@ -134,25 +143,31 @@ class GnssModel:
             std_horizontal_m=self._claim_horizontal_m,
             std_vertical_m=self._claim_vertical_m,
             satellites=config.satellites,
+            yaw_uav_rad=self._yaw_rad(state) if self._has_yaw else UNSET,
         )
+
+    def _yaw_rad(self, state: BodyState) -> float:
+        error_rad = self._bias_yaw_rad.step() + self._config.std_yaw_rad * self._normals_yaw()
+        return wrap_pi(yaw_from_quat(state.q_ned_from_frd) + error_rad)
 
 
 class BarometerModel:
-    """Static pressure of the standard atmosphere with a wandering error."""
+    """Static pressure of the planet's air with a wandering error."""
 
-    def __init__(self, config: BarometerConfig, origin: OriginConfig, seed: int) -> None:
+    def __init__(self, config: BarometerConfig, origin: OriginConfig, planet: PlanetConfig, seed: int) -> None:
         self._normals = normals_of(generator(seed, "barometer"))
         self._bias_pa = Wander(config.std_bias_pa, config.tau_bias_s, 1.0 / config.rate_hil_hz, self._normals)
         self._altitude_origin_m = origin.altitude_m
+        self._planet = planet
         self._config = config
 
     def measure(self, t_ns: int, state: BodyState) -> messages.Barometer:
-        true_pa = pressure_pa(self._altitude_origin_m - state.pos_ned_m[2])
+        true_pa = pressure_pa(self._altitude_origin_m - state.pos_ned_m[2], self._planet)
         measured_pa = true_pa + self._bias_pa.step() + self._config.std_pressure_pa * self._normals()
         return messages.Barometer(
             t_ns=t_ns,
             pressure_pa=measured_pa,
-            altitude_pressure_m=altitude_pressure_m(measured_pa),
+            altitude_pressure_m=altitude_pressure_m(measured_pa, self._planet),
             temperature_degc=self._config.temperature_degc,
         )
 

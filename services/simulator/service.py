@@ -81,16 +81,16 @@ class Simulator:
         self._hil = HilPort()
         self._rover_port = RoverPort()
         self._reported = Health("ok", "")
-        self._sea = make_sea(config.rover.sea, seed, config.gravity_mps2)
+        self._sea = make_sea(config.rover.sea, seed, vehicle.planet.gravity_mps2)
         self._rover = RoverModel(config.rover, terrain, vehicle.platform.height_m, self._sea)
         self._drive = Drive(config.rover)
         self._world = World(config, vehicle, terrain, self._rover.state)
-        self._uav = Uav(config, vehicle.airframe, DT_S)
+        self._uav = Uav(config, vehicle, DT_S)
         self._wind = WindModel(config.wind, DT_S, normals_of(generator(seed, "wind")))
         self._height_rotor_m = inf
         self._imu = sensors.ImuModel(config.imu, seed, DT_S)
-        self._gnss = sensors.GnssModel(config.gnss, config.origin, seed)
-        self._baro = sensors.BarometerModel(config.barometer, config.origin, seed)
+        self._gnss = sensors.GnssModel(config.gnss, config.origin, seed, vehicle.heading_by)
+        self._baro = sensors.BarometerModel(config.barometer, config.origin, vehicle.planet, seed)
         self._mag = sensors.MagnetometerModel(config.magnetometer, config.origin, seed)
         self._altimeter = sensors.AltimeterModel(config.altimeter, vehicle.altimeter, seed)
         self._uwb = sensors.UwbModel(config.uwb, vehicle.uwb, seed)
@@ -208,7 +208,7 @@ class Simulator:
     def _autopilot_sensors(self, t_ns: int, state: BodyState) -> Iterable[Output]:
         """Send the readings of the autopilot's HIL link; a part of the same readings is published on the bus."""
         acc, gyro = self._imu.measure(state)
-        if self._when_mag.due(t_ns):
+        if self._when_mag.due(t_ns) and self._vehicle.heading_by == "magnetometer":
             self._when_mag.put(t_ns, self._mag.measure(t_ns, state))
         if self._when_baro.due(t_ns):
             self._when_baro.put(t_ns, self._baro.measure(t_ns, state))

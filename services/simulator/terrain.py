@@ -1,6 +1,6 @@
-"""Mars-like ground from a seed: fractal hills, eroded craters and rocks.
+"""Mars-like ground from a seed, fractal hills, eroded craters and rocks; or that of a real place, from a file.
 
-Heights are positive up, over a square grid whose middle is the map's origin. Without a hillside the ground stays within
+Heights are positive up, over a square grid whose middle is the map's origin. The hills stay within
 +-0.48 m and below 4.8 degrees; it is level around the origin and at the grid's edge. Rocks lie on top.
 """
 
@@ -12,9 +12,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from jezero.base.config import ConfigError
 from jezero.base.frames import Vec3
 from jezero.schemas.terrain import Ground, Rock
 from jezero.services.simulator.config import TerrainConfig
+from jezero.services.simulator.heights import read_heights
 from jezero.services.simulator.noise import generator
 
 Field = npt.NDArray[np.float64]
@@ -32,6 +34,7 @@ CLEAR_OF_ROCKS_M = 8.0
 HILLSIDE_HALF_M = 15.0
 PIER_RADIUS_M = 1.0
 WAVELENGTH_MAX_M = 60.0
+FILE_HEIGHT_MAX_M = 50.0
 
 _G = 0.5 * (1.0 + sqrt(5.0))
 ICOSAHEDRON: Field = np.array(
@@ -103,16 +106,46 @@ class Terrain:
 
 
 def make_terrain(config: TerrainConfig) -> Terrain:
-    """The ground that belongs to the settings."""
+    """The ground that belongs to the settings.
+
+    Raises:
+        ConfigError: the file with its heights can't be used.
+    """
     rng = generator(config.seed, "terrain")
     axis_m = np.linspace(-HALF_SIDE_M, HALF_SIDE_M, POINTS)
     north_m, east_m = np.meshgrid(axis_m, axis_m, indexing="ij")
+    to_edge_m = HALF_SIDE_M - np.maximum(np.abs(north_m), np.abs(east_m))
+    if config.heights:
+        heights_m = read_heights(config.heights, (config.heights_north_m, config.heights_east_m), axis_m)
+        heights_m *= _smooth_step(to_edge_m / EDGE_BLEND_M)
+        if (highest_m := float(np.abs(heights_m).max())) > FILE_HEIGHT_MAX_M:
+            raise ConfigError(
+                f"heights in simulator.toml: the ground differs by {highest_m:.0f} m from that at the start, and "
+                f"{FILE_HEIGHT_MAX_M:g} m are the most: change heights_north_m and heights_east_m"
+            )
+    else:
+        heights_m = _procedural(config, rng, north_m, east_m, to_edge_m)
+    heights_m += _hillside(config, north_m, east_m, to_edge_m)
+    if config.basin_radius_m:
+        heights_m += _basin(config, north_m, east_m) * _smooth_step(to_edge_m / EDGE_BLEND_M)
+    heights_m -= np.where(np.hypot(north_m, east_m) > PIER_RADIUS_M, config.water_depth_m, 0.0)
+    bare = Terrain(heights_m, np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))
+    rocks = [_rock(rng, config, bare) for _ in range(config.rocks)]
+    if not rocks:
+        return bare
+    faces = np.array([[12 * i + corner for corner in face] for i in range(len(rocks)) for face in ICOSAHEDRON_FACES])
+    return Terrain(heights_m, np.concatenate(rocks), faces)
+
+
+def _procedural(
+    config: TerrainConfig, rng: np.random.Generator, north_m: Field, east_m: Field, to_edge_m: Field
+) -> Field:
+    """Hills and craters, within the limits of height and slope."""
     heights_m = config.std_ground_m * _fractal(rng)
     for _ in range(config.craters):
         heights_m += _crater(rng, config, north_m, east_m)
     level = heights_m[POINTS // 2 - 1 : POINTS // 2 + 1, POINTS // 2 - 1 : POINTS // 2 + 1].mean()
     distance_m = np.hypot(north_m, east_m)
-    to_edge_m = HALF_SIDE_M - np.maximum(np.abs(north_m), np.abs(east_m))
     heights_m = (heights_m - level) * _smooth_step((distance_m - LEVEL_RADIUS_M) / LEVEL_BLEND_M)
     heights_m *= _smooth_step(to_edge_m / EDGE_BLEND_M)
     heights_m *= min(
@@ -120,14 +153,17 @@ def make_terrain(config: TerrainConfig) -> Terrain:
         HEIGHT_MAX_M / max(float(np.abs(heights_m).max()), 1e-9),
         SLOPE_MAX / max(steepest(heights_m), 1e-9),
     )
-    heights_m += _hillside(config, north_m, east_m, to_edge_m)
-    heights_m -= np.where(distance_m > PIER_RADIUS_M, config.water_depth_m, 0.0)
-    bare = Terrain(heights_m, np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))
-    rocks = [_rock(rng, config, bare) for _ in range(config.rocks)]
-    if not rocks:
-        return bare
-    faces = np.array([[12 * i + corner for corner in face] for i in range(len(rocks)) for face in ICOSAHEDRON_FACES])
-    return Terrain(heights_m, np.concatenate(rocks), faces)
+    result: Field = heights_m
+    return result
+
+
+def _basin(config: TerrainConfig, north_m: Field, east_m: Field) -> Field:
+    """A crater at one place: a parabolic bowl of 11 degrees on average, whose rim falls off outside."""
+    radius_m = config.basin_radius_m
+    depth_m, rim_m = 0.16 * radius_m, 0.04 * radius_m
+    r = np.hypot(north_m - config.basin_north_m, east_m - config.basin_east_m) / radius_m
+    shape: Field = np.where(r < 1.0, (depth_m + rim_m) * r**2 - depth_m, rim_m * np.exp(-4.0 * (r - 1.0)))
+    return shape
 
 
 def _hillside(config: TerrainConfig, north_m: Field, east_m: Field, to_edge_m: Field) -> Field:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from math import exp, sqrt
 
 from jezero.base.frames import Vec3, quat_conjugate, quat_rotate, subtract
-from jezero.base.vehicle_config import AirframeConfig
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.services.simulator.body import BodyState
 from jezero.services.simulator.config import SimulatorConfig
 
@@ -29,18 +29,18 @@ class Uav:
         dt_s: duration of a step.
     """
 
-    def __init__(self, config: SimulatorConfig, airframe: AirframeConfig, dt_s: float) -> None:
-        uav = config.uav
+    def __init__(self, config: SimulatorConfig, vehicle: VehicleConfig, dt_s: float) -> None:
+        uav, airframe = config.uav, vehicle.airframe
         self._follow = 1.0 - exp(-dt_s / uav.tau_motor_s)
-        self._thrust_max_n = uav.thrust_to_weight * airframe.mass_kg * config.gravity_mps2 / 4.0
+        self._thrust_max_n = uav.thrust_to_weight * vehicle.weight_n / 4.0
         self._rotors = tuple(
             (forward, right, moment)
             for (forward, right), moment in zip(airframe.pos_rotors_frd_m, airframe.moment_per_thrust_m, strict=True)
         )
         speed_hover = sqrt(1.0 / uav.thrust_to_weight)
         self._drag_rotors = airframe.drag_rotors_nspm / (4.0 * speed_hover)
-        self._drag_side = 0.5 * config.density_air_kgpm3 * airframe.drag_area_side_m2
-        self._drag_top = 0.5 * config.density_air_kgpm3 * airframe.drag_area_top_m2
+        self._drag_side = 0.5 * vehicle.planet.density_air_kgpm3 * airframe.drag_area_side_m2
+        self._drag_top = 0.5 * vehicle.planet.density_air_kgpm3 * airframe.drag_area_top_m2
         self._damping = uav.damping_rates_nms
         self._radius_m = airframe.radius_rotor_m
         self._speeds = [0.0, 0.0, 0.0, 0.0]

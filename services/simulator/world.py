@@ -28,8 +28,7 @@ from jezero.services.simulator.terrain import HALF_SIDE_M, POINTS, SPACING_M, Te
 
 RADIUS_FOOT_M = 0.06
 SETTLE_STEPS = 500
-HULL_HALF_M = (0.17, 0.13, 0.03)
-ROTOR_PLANE_HALF_M = (0.27, 0.33, 0.01)
+ROTOR_PLANE_HALF_HEIGHT_M = 0.01
 HEIGHT_ROTOR_PLANE_M = 0.03
 APRON_HALF_WIDTH_M = 2000.0
 FLOOR_HALF_M = 5.0
@@ -48,11 +47,11 @@ class World:
     """
 
     def __init__(self, config: SimulatorConfig, vehicle: VehicleConfig, terrain: Terrain, rover: RoverState) -> None:
-        self._gravity_mps2 = config.gravity_mps2
+        self._gravity_mps2 = vehicle.planet.gravity_mps2
         self._client = int(pybullet.connect(pybullet.DIRECT))
         self._disconnect = weakref.finalize(self, pybullet.disconnect, physicsClientId=self._client)
         pybullet.setTimeStep(DT_S, physicsClientId=self._client)
-        pybullet.setGravity(0.0, 0.0, -config.gravity_mps2, physicsClientId=self._client)
+        pybullet.setGravity(0.0, 0.0, -self._gravity_mps2, physicsClientId=self._client)
         self._add_ground(terrain, config.terrain.friction)
         self.state = BodyState((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
         self._rover_id = self._add_rover(vehicle.platform, config.rover.friction_platform, rover)
@@ -210,11 +209,12 @@ class World:
         """Hull, a flat box for the arms and rotors, and four feet on springs."""
         forward_m, side_m = airframe.feet_frd_m
         down_m = airframe.height_stand_m + uav.sag_legs_m - RADIUS_FOOT_M
+        rotor_plane_half_m = (*airframe.rotor_plane_half_frd_m, ROTOR_PLANE_HALF_HEIGHT_M)
         feet_m = [(a * forward_m, b * side_m, -down_m) for a in (1.0, -1.0) for b in (1.0, -1.0)]
         shape = pybullet.createCollisionShapeArray(
             shapeTypes=[pybullet.GEOM_SPHERE] * 4 + [pybullet.GEOM_BOX] * 2,
             radii=[RADIUS_FOOT_M] * 4 + [0.0] * 2,
-            halfExtents=[(0.0, 0.0, 0.0)] * 4 + [HULL_HALF_M, ROTOR_PLANE_HALF_M],
+            halfExtents=[(0.0, 0.0, 0.0)] * 4 + [airframe.hull_half_frd_m, rotor_plane_half_m],
             collisionFramePositions=[*feet_m, (0.0, 0.0, 0.0), (0.0, 0.0, HEIGHT_ROTOR_PLANE_M)],
             physicsClientId=self._client,
         )

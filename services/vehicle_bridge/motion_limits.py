@@ -18,9 +18,6 @@ from jezero.services.vehicle_bridge.vehicle import Target, VehicleSnapshot
 
 EDGE_M = 0.4
 """Targets keep this far inside the fence: less than planned ways do, so that a goal's tracking errors meet no limit."""
-BRAKING_MPS2 = 1.0
-"""Deceleration in front of the fence: that of planned ways, and less than the 1.3 m/s² that the greatest tilt leaves in
-gusts of 11 m/s."""
 PULL_1PS = 1.0
 """Speed per distance of a target's point that the autopilot may make of it. Source: PX4's MPC_XY_P is 0.95."""
 INWARD_MAX_MPS = 1.0
@@ -130,12 +127,14 @@ class Wall:
     Attributes:
         out_ned: (3,) unit vector from the vehicle's position towards the forbidden side.
         distance_m: distance to it, negative for a vehicle on the forbidden side.
+        braking_mps2: deceleration in front of it.
         name: the wall, for people.
         edge: edge of a zone; None for ceiling, floor and limits, which have no end.
     """
 
     out_ned: Vec3
     distance_m: float
+    braking_mps2: float
     name: str
     edge: Edge | None = None
 
@@ -147,7 +146,7 @@ class Wall:
     @property
     def speed_max_mps(self) -> float:
         """Greatest speed towards the wall from which the vehicle stops in front of it."""
-        return sqrt(2.0 * BRAKING_MPS2 * self.room_m) if self.room_m > 0.0 else PULL_1PS * self.room_m
+        return sqrt(2.0 * self.braking_mps2 * self.room_m) if self.room_m > 0.0 else PULL_1PS * self.room_m
 
     def is_met(self, begin_ned_m: Vec3, way_ned_m: Vec3) -> bool:
         """Whether a straight way comes too near."""
@@ -166,10 +165,10 @@ def _held_back_target(
         return target, ""
     vel, lead = target.vel_ned_mps, None if target.pos_ned_m is None else subtract(target.pos_ned_m, pos_ned_m)
     speed_mps = max(norm(vel or ZERO), norm(vehicle.vel_ned_mps))
-    reach_m = EDGE_M + max(norm(lead or ZERO), speed_mps * speed_mps / (2.0 * BRAKING_MPS2))
+    reach_m = EDGE_M + max(norm(lead or ZERO), speed_mps * speed_mps / (2.0 * limits.braking_mps2))
     walls = list(_limit_walls(limits, vehicle, pos_ned_m, reach_m))
     if fence is not None:
-        walls += _fence_walls(fence, vehicle, pos_ned_m, reach_m, floor_holds=floor_holds)
+        walls += _fence_walls(fence, limits.braking_mps2, vehicle, pos_ned_m, reach_m, floor_holds=floor_holds)
     for wall in walls:
         if _is_too_fast(wall, vehicle, pos_ned_m):
             vel, lead, limiting = *_braking(vel, lead, wall, vehicle), wall.name
@@ -196,15 +195,19 @@ def _limit_walls(
     from_m = 0.0 if vehicle.takeoff_ned_m is None else max(0.0, altitude_m(vehicle.takeoff_ned_m[2]))
     below_m = limits.altitude_max_m + from_m - altitude_m(pos_ned_m[2]) + MARGIN_M + EDGE_M
     if below_m <= reach_m:
-        yield Wall((0.0, 0.0, -1.0), below_m, f"the greatest height of {limits.altitude_max_m:g} m")
+        yield Wall(
+            (0.0, 0.0, -1.0), below_m, limits.braking_mps2, f"the greatest height of {limits.altitude_max_m:g} m"
+        )
     away_m = horizontal(pos_ned_m)
     room_m = limits.distance_max_m - away_m + MARGIN_M + EDGE_M
     if room_m <= reach_m and away_m > 1.0:
-        yield Wall((pos_ned_m[0] / away_m, pos_ned_m[1] / away_m, 0.0), room_m, _distance_name(limits))
+        yield Wall(
+            (pos_ned_m[0] / away_m, pos_ned_m[1] / away_m, 0.0), room_m, limits.braking_mps2, _distance_name(limits)
+        )
 
 
 def _fence_walls(
-    fence: Fence, vehicle: VehicleSnapshot, pos_ned_m: Vec3, reach_m: float, *, floor_holds: bool
+    fence: Fence, braking_mps2: float, vehicle: VehicleSnapshot, pos_ned_m: Vec3, reach_m: float, *, floor_holds: bool
 ) -> Iterator[Wall]:
     """All walls of the fence that the vehicle may meet."""
     for edge in edges(fence, pos_ned_m, reach_m):
@@ -213,18 +216,18 @@ def _fence_walls(
         sign = 1.0 if edge.inside_m >= 0.0 else -1.0
         if length_m > 1e-6:
             out_ned = (sign * north_m / length_m, sign * east_m / length_m, 0.0)
-            yield Wall(out_ned, edge.inside_m, edge.in_words, edge)
+            yield Wall(out_ned, edge.inside_m, braking_mps2, edge.in_words, edge)
     if fence.ceiling_m is not None:
         below_m = fence.ceiling_m - altitude_m(pos_ned_m[2])
-        yield Wall((0.0, 0.0, -1.0), below_m, f"the ceiling of {fence.ceiling_m:g} m")
+        yield Wall((0.0, 0.0, -1.0), below_m, braking_mps2, f"the ceiling of {fence.ceiling_m:g} m")
     if floor_holds and fence.floor_over_ground_m > 0.0 and vehicle.height_m is not None:
         above_m = max(vehicle.height_m - fence.floor_over_ground_m, 0.0) + EDGE_M
-        yield Wall((0.0, 0.0, 1.0), above_m, f"the floor of {fence.floor_over_ground_m:g} m")
+        yield Wall((0.0, 0.0, 1.0), above_m, braking_mps2, f"the floor of {fence.floor_over_ground_m:g} m")
 
 
 def _is_too_fast(wall: Wall, vehicle: VehicleSnapshot, pos_ned_m: Vec3) -> bool:
     excess_mps = dot(vehicle.vel_ned_mps, wall.out_ned) - wall.speed_max_mps
-    way_ned_m = _stopping_way(vehicle.vel_ned_mps, norm(vehicle.vel_ned_mps))
+    way_ned_m = _stopping_way(vehicle.vel_ned_mps, norm(vehicle.vel_ned_mps), wall.braking_mps2)
     return wall.edge is not None and excess_mps > TOO_FAST_MPS and wall.is_met(pos_ned_m, way_ned_m)
 
 
@@ -248,7 +251,7 @@ def _limited_velocity(
     vel_ned_mps: Vec3, lead_ned_m: Vec3 | None, wall: Wall, vehicle: VehicleSnapshot, pos_ned_m: Vec3
 ) -> Vec3:
     speed_mps = max(norm(vel_ned_mps), norm(vehicle.vel_ned_mps))
-    ways = (_stopping_way(vel, speed_mps) for vel in (vel_ned_mps, vehicle.vel_ned_mps))
+    ways = (_stopping_way(vel, speed_mps, wall.braking_mps2) for vel in (vel_ned_mps, vehicle.vel_ned_mps))
     if not any(wall.is_met(pos_ned_m, way) for way in ways):
         return vel_ned_mps
     pull_mps = 0.0 if lead_ned_m is None else max(0.0, PULL_1PS * dot(lead_ned_m, wall.out_ned))
@@ -261,7 +264,7 @@ def _limited(v_ned: Vec3, wall: Wall, out_max: float) -> Vec3:
     return v_ned if excess <= 1e-3 else subtract(v_ned, scale(wall.out_ned, excess))
 
 
-def _stopping_way(vel_ned_mps: Vec3, speed_mps: float) -> Vec3:
+def _stopping_way(vel_ned_mps: Vec3, speed_mps: float, braking_mps2: float) -> Vec3:
     """Way until the vehicle stops from a speed, in the direction of a velocity."""
     length = norm(vel_ned_mps)
-    return scale(vel_ned_mps, speed_mps * speed_mps / (2.0 * BRAKING_MPS2 * length)) if length > 1e-6 else ZERO
+    return scale(vel_ned_mps, speed_mps * speed_mps / (2.0 * braking_mps2 * length)) if length > 1e-6 else ZERO

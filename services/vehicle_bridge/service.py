@@ -155,7 +155,7 @@ class VehicleBridge:
         self._foreign_setpoints = ForeignSetpointDetector()
         self._fence = FenceKeeper(config.on_fence, robot.limits, self._link.fence, fence, keep_fence)
         self._authority = Authority(config, robot, self._fence, secret)
-        self._wind = WindEstimator(robot.airframe)
+        self._wind = WindEstimator(robot)
         self._epoch_id: int | None = None
         """Epoch of the vehicle; None before the first message of the clock."""
         self._timer = Timer()

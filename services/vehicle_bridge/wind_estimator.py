@@ -5,9 +5,9 @@ from math import hypot, sqrt
 import msgspec
 
 from jezero.base.frames import Quat, Vec3, quat_conjugate, quat_rotate
-from jezero.base.vehicle_config import AirframeConfig
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.schemas.state import Odometry
-from jezero.schemas.units import GRAVITY_MPS2, NS_PER_S
+from jezero.schemas.units import NS_PER_S
 from jezero.services.vehicle_bridge.vehicle import VehicleSnapshot
 
 SAMPLE_S = 0.4
@@ -24,7 +24,7 @@ UPRIGHT_MIN = 0.5
 """Least cosine of the tilt: at a larger tilt the horizontal forces can't be separated from the thrust."""
 
 
-def wind_ned_mps(acc_ned_mps2: Vec3, vel_ned_mps: Vec3, q_ned_from_frd: Quat, airframe: AirframeConfig) -> Vec3 | None:
+def wind_ned_mps(acc_ned_mps2: Vec3, vel_ned_mps: Vec3, q_ned_from_frd: Quat, robot: VehicleConfig) -> Vec3 | None:
     """(3,) horizontal wind by the balance of forces; None for a vehicle that is far from upright.
 
     The rotors pull along the body's down axis only. So what remains of the acceleration in the plane of the body's
@@ -36,9 +36,10 @@ def wind_ned_mps(acc_ned_mps2: Vec3, vel_ned_mps: Vec3, q_ned_from_frd: Quat, ai
         return None
     frd_from_ned = quat_conjugate(q_ned_from_frd)
     north_mps2, east_mps2, down_mps2 = acc_ned_mps2
-    forward_mps2, right_mps2, _ = quat_rotate(frd_from_ned, (north_mps2, east_mps2, down_mps2 - GRAVITY_MPS2))
-    drag_n = airframe.mass_kg * hypot(forward_mps2, right_mps2)
-    per_mps = -airframe.airspeed_mps(drag_n) / max(drag_n / airframe.mass_kg, 1e-9)
+    specific_ned_mps2 = (north_mps2, east_mps2, down_mps2 - robot.planet.gravity_mps2)
+    forward_mps2, right_mps2, _ = quat_rotate(frd_from_ned, specific_ned_mps2)
+    drag_n = robot.airframe.mass_kg * hypot(forward_mps2, right_mps2)
+    per_mps = -robot.airspeed_mps(drag_n) / max(drag_n / robot.airframe.mass_kg, 1e-9)
     air_forward_mps, air_right_mps = per_mps * forward_mps2, per_mps * right_mps2
     # The component along the body's down axis is the one that makes the vertical wind zero.
     north_mps, east_mps, down_mps = quat_rotate(q_ned_from_frd, (air_forward_mps, air_right_mps, 0.0))
@@ -69,9 +70,9 @@ class WindEstimator:
     configured without drag.
     """
 
-    def __init__(self, airframe: AirframeConfig) -> None:
-        self._airframe = airframe
-        self._has_drag = airframe.drag_rotors_nspm > 0.0 or airframe.drag_area_side_m2 > 0.0
+    def __init__(self, robot: VehicleConfig) -> None:
+        self._robot = robot
+        self._has_drag = robot.airframe.drag_rotors_nspm > 0.0 or robot.airframe.drag_area_side_m2 > 0.0
         self.reset()
 
     def reset(self) -> None:
@@ -110,7 +111,7 @@ class WindEstimator:
     def _add_sample(self, begin: Odometry, middle: Odometry, end: Odometry, passed_s: float) -> None:
         (n0, e0, d0), (n1, e1, d1) = begin.vel_uav_ned_mps, end.vel_uav_ned_mps
         acc_ned_mps2 = ((n1 - n0) / passed_s, (e1 - e0) / passed_s, (d1 - d0) / passed_s)
-        sample = wind_ned_mps(acc_ned_mps2, middle.vel_uav_ned_mps, middle.q_ned_from_frd, self._airframe)
+        sample = wind_ned_mps(acc_ned_mps2, middle.vel_uav_ned_mps, middle.q_ned_from_frd, self._robot)
         if sample is None:
             return
         self._samples += 1

@@ -306,7 +306,9 @@ def test_the_autopilot_mixes_for_the_vehicles_rotors_and_knows_its_battery() -> 
     long = msgspec.structs.replace(short, pos_rotors_frd_m=forward_right_m)
     differences = []
     for airframe in (short, long):
-        front_right, rear_left, front_left, rear_right = Mixer(airframe, 0.5).commands(14.7, (0.0, 0.4, 0.0))
+        front_right, rear_left, front_left, rear_right = Mixer(VehicleConfig(airframe=airframe), 0.5).commands(
+            14.7, (0.0, 0.4, 0.0)
+        )
         differences.append(front_right + front_left - rear_left - rear_right)
     assert differences[1] == pytest.approx(0.5 * differences[0])
     parameters = Parameters(AutopilotConfig(), BatteryConfig(cells=6, capacity_mah=9000.0), 1)

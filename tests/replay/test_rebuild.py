@@ -20,6 +20,15 @@ def test_a_server_of_an_action_is_made_by_its_name() -> None:
     assert make_service(recorded("takeoff", {"name": "takeoff", "boot_id": 1}), {}).spec.name == "takeoff"
 
 
+def test_gravity_and_air_of_an_older_recording_are_the_vehicles() -> None:
+    """They were settings of the simulator."""
+    settings = {"config": {"gravity_mps2": 9.7, "density_air_kgpm3": 1.1, "pace": 0.5}, "vehicle": {}}
+    made = make_service(recorded("simulator", {**settings, "seed": 1, "boot_id": 1}), {})
+    planet = made.spec.made_with["vehicle"].planet
+    assert (planet.gravity_mps2, planet.density_air_kgpm3) == (9.7, 1.1)
+    assert made.spec.made_with["config"].pace == 0.5
+
+
 @pytest.mark.parametrize(
     ("name", "made_with", "sentence"),
     [

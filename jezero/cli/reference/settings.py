@@ -84,6 +84,9 @@ VARIABLES = (
     ),
     Variable("JEZERO_CONFIG_DIR", "folder", "the shipped folder", "folder of the settings."),
     Variable(
+        "JEZERO_WORLD", "name or file", "–", "world that changes the settings, such as `mars`; `--world` overrides it."
+    ),
+    Variable(
         "JEZERO_RUN_DIR",
         "folder",
         "`~/.local/state/jezero/<vehicle>`",

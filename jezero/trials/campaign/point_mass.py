@@ -25,12 +25,11 @@ from jezero.base.frames import (
     wrap_pi,
     z_ned_m,
 )
-from jezero.base.vehicle_config import VehicleConfig
+from jezero.base.vehicle_config import PlanetConfig, VehicleConfig
 from jezero.runtime.service import Health, Inbox, Output, Publish, Spec
 from jezero.schemas import topics
 from jezero.schemas.sensors import Altimeter
 from jezero.schemas.state import Clock, Truth
-from jezero.schemas.units import GRAVITY_MPS2
 from jezero.services.autopilot.alignment import ALIGN_US, Fix
 from jezero.services.autopilot.config import AutopilotConfig, StateEstimatorConfig
 from jezero.services.autopilot.control import ControlSetpoint, Kinematics, VelocityLoop
@@ -264,13 +263,14 @@ class PointPilot:
         yaw_rate_rps: yaw rate setpoint of the point.
     """
 
-    def __init__(self, config: AutopilotConfig, point: Point, estimate: PointEstimate) -> None:
+    def __init__(self, config: AutopilotConfig, point: Point, estimate: PointEstimate, planet: PlanetConfig) -> None:
         self.detector = LandDetector(config.land_detector)
         self._hover = config.control.mpc_thr_hover
         self._control = config.control
         self._point = point
         self._estimate = estimate
-        self._loop = VelocityLoop(config.control)
+        self._loop = VelocityLoop(config.control, planet)
+        self._gravity_mps2 = planet.gravity_mps2
         self._rest()
 
     def configure(self, config: AutopilotConfig) -> None:
@@ -307,12 +307,12 @@ class PointPilot:
         self._thrust = 0.0
         self._yaw_rad = self._estimate.yaw_rad
         self.yaw_rate_rps = 0.0
-        self.wanted_ned_mps2: Vec3 = (0.0, 0.0, GRAVITY_MPS2)
+        self.wanted_ned_mps2: Vec3 = (0.0, 0.0, self._gravity_mps2)
 
     def step(self, dt: float, setpoint: ControlSetpoint, *, allow_takeoff: bool) -> Commands:
         """See `FlightController`."""
         at, detector, armed_s = self.kinematics, self.detector, self._armed_s + dt
-        force_ned_mps2: Vec3 = (0.0, 0.0, -LIFT_OFF * GRAVITY_MPS2)
+        force_ned_mps2: Vec3 = (0.0, 0.0, -LIFT_OFF * self._gravity_mps2)
         if detector.landed:
             climbs = self._loop.velocity_setpoint(at, setpoint)[2] < -CLIMB_SETPOINT_MIN_MPS
             if not (allow_takeoff and climbs and armed_s >= SPOOLUP_TIME_S):
@@ -348,10 +348,10 @@ class PointPilot:
             max(0.0, min(self._limit, self._thrust) - 2.0 * ramp) if held_down else min(1.0, self._limit + ramp)
         )
         n, e, d = force_ned_mps2
-        wanted = self._hover * sqrt(n * n + e * e + d * d) / GRAVITY_MPS2
+        wanted = self._hover * sqrt(n * n + e * e + d * d) / self._gravity_mps2
         self._thrust = min(wanted, self._limit)
         share = self._thrust / wanted if wanted > 0.0 else 0.0
-        self.wanted_ned_mps2 = (share * n, share * e, share * d + GRAVITY_MPS2)
+        self.wanted_ned_mps2 = (share * n, share * e, share * d + self._gravity_mps2)
         return (self._thrust,) * 4
 
 
@@ -381,8 +381,8 @@ class PointMass:
 
     Args:
         config: settings of the autopilot.
-        robot: the vehicle: height of the platform, mass, battery, range of the altimeter.
-        world: settings of the simulator: origin, gravity and the errors of the sensors.
+        robot: the vehicle: height of the platform, weight, battery, range of the altimeter.
+        world: settings of the simulator: origin and the errors of the sensors.
         system_id: MAVLink system id.
         seed: seed of the sensors' errors.
         boot_id: id of this run, from which the epoch id follows.
@@ -408,9 +408,9 @@ class PointMass:
         self._epoch_id = boot_id % EPOCH_LIMIT
         self._rng = Random(f"{seed}/{boot_id}")
         self._parameters = Parameters(config, robot.battery, system_id)
-        self._point = Point(world.gravity_mps2)
+        self._point = Point(robot.planet.gravity_mps2)
         self._estimate = PointEstimate(config.estimator, self._point, world.origin.origin_deg)
-        self._pilot = PointPilot(config, self._point, self._estimate)
+        self._pilot = PointPilot(config, self._point, self._estimate, robot.planet)
         self._vehicle = AutopilotVehicle(self._parameters, system_id, self._estimate, self._pilot)
         self._side = MavlinkInterface(self._vehicle, self._parameters, system_id, (OFFBOARD,), {})
         self._t_ns: int | None = None
@@ -487,7 +487,7 @@ class PointMass:
             vel_rover_ned_mps=(0.0, 0.0, 0.0),
             yaw_rover_rad=rover.start_yaw_rad,
             wind_ned_mps=(0.0, 0.0, 0.0),
-            contact_force_n=self._robot.airframe.mass_kg * self._world.gravity_mps2 if point.stands else 0.0,
+            contact_force_n=self._robot.weight_n if point.stands else 0.0,
             armed_motors=self._vehicle.commander.armed,
         )
 

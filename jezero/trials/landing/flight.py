@@ -106,7 +106,8 @@ def fly_landing(
     Raises:
         ConfigError: a configuration file is invalid.
     """
-    trial = draw_trial(seed, conditions)
+    robot = load_config(VehicleConfig, "vehicle")
+    trial = draw_trial(seed, conditions, hypot(*robot.airframe.rotor_plane_half_frd_m) + 0.75 * robot.platform.side_m)
     with ExitStack() as cleanup:
         writer: RecordingWriter | None = None
         if recordings is not None:

@@ -134,8 +134,13 @@ class Trial(msgspec.Struct, frozen=True, kw_only=True):
         return (-self.pos_rover_ned_m[0], -self.pos_rover_ned_m[1], 0.0)
 
 
-def draw_trial(seed: int, conditions: Conditions) -> Trial:
-    """Draw a trial; the same seed gives the same wind, rover position and yaw in every case."""
+def draw_trial(seed: int, conditions: Conditions, clear_m: float = 0.0) -> Trial:
+    """Draw a trial; the same seed gives the same wind, rover position and yaw in every case.
+
+    Args:
+        clear_m: least distance of the rover from a vehicle that starts beside it, of a vehicle with large rotors.
+    """
+    distance_min_m = max(ROVER_DISTANCE_MIN_M, clear_m)
     rng = Random(crc32(f"landing/{seed}".encode()))
     altitude_m = rng.uniform(*ALTITUDE_RANGE_M)
     share, bearing_rad = rng.random(), rng.uniform(-pi, pi)
@@ -144,7 +149,7 @@ def draw_trial(seed: int, conditions: Conditions) -> Trial:
         if conditions.case == "tag"
         else ROVER_DISTANCE_MAX_M
     )
-    distance_m = sqrt(ROVER_DISTANCE_MIN_M**2 + share * (distance_max_m**2 - ROVER_DISTANCE_MIN_M**2))
+    distance_m = sqrt(distance_min_m**2 + share * max(distance_max_m**2 - distance_min_m**2, 0.0))
     error_m, error_bearing_rad = rng.uniform(*POSITION_ERROR_RANGE_M), rng.uniform(-pi, pi)
     return Trial(
         seed=seed,

@@ -35,12 +35,14 @@ class PlatformControlConfig(Config, frozen=True, kw_only=True):
         gain_near_1ps: speed per position error near the platform's middle.
         gain_integral_1ps2: speed per integrated position error.
         speed_max_mps: maximum speed towards the platform.
+        deceleration_mps2: deceleration before the platform, which limits the speed towards it.
     """
 
     gain_far_1ps: Positive = 0.7
     gain_near_1ps: Positive = 2.2
     gain_integral_1ps2: Positive = 0.8
     speed_max_mps: Positive = 3.5
+    deceleration_mps2: Positive = 1.5
 
 
 class SearchConfig(Config, frozen=True, kw_only=True):

@@ -10,9 +10,9 @@ from typing import Literal, NamedTuple
 
 from jezero.base.detectors import SLOPE_SINE_MAX, is_tilted_by_contact
 from jezero.base.frames import Quat, Vec3, quat_conjugate, quat_rotate, tilt_from_quat
-from jezero.base.vehicle_config import AirframeConfig, VehicleConfig
+from jezero.base.vehicle_config import AirframeConfig, PlanetConfig, VehicleConfig
 from jezero.schemas.estimate import DeckMotion
-from jezero.schemas.units import GRAVITY_MPS2, NS_PER_S
+from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.land_on_spot.landing_watch import wind_words
 from jezero.services.actions.land_on_spot.platform import PlatformState
 from jezero.services.actions.motion.behaviour import Done, VehicleState
@@ -68,10 +68,12 @@ class ContactWatcher:
 
     Args:
         room_m: distance from the middle of the place up to which the vehicle may stand.
+        planet: has the gravity.
     """
 
-    def __init__(self, room_m: float) -> None:
+    def __init__(self, room_m: float, planet: PlanetConfig) -> None:
         self._room_m = room_m
+        self._planet = planet
         self._begin_ns = self._upright_ns = 0
         self._free_down_ned = (0.0, 0.0)
         self._touched = False
@@ -98,7 +100,8 @@ class ContactWatcher:
         self._touched = self._touched or down_mps < TOUCHED_MPS
         if not self._touched:
             return (0.0, 0.0, 0.0)
-        return (*level_acc_ned_mps2(self._free_down_ned), PUSH_ACC_MPS2)
+        level_acc = level_acc_ned_mps2(self._free_down_ned, self._planet)
+        return (*level_acc, PUSH_ACC_MPS2 * self._planet.gravity_ratio)
 
     def update(
         self, t_ns: int, surface: OnSurface | None, state: VehicleState, platform: PlatformState | None = None
@@ -142,15 +145,15 @@ class ContactWatcher:
         return outward_mps > OUTWARD_MIN_MPS and ahead_m > self._room_m
 
 
-def level_acc_ned_mps2(down_ned: tuple[float, float]) -> tuple[float, float]:
+def level_acc_ned_mps2(down_ned: tuple[float, float], planet: PlanetConfig) -> tuple[float, float]:
     """(2,) acceleration, fed forward, that cancels most of the horizontal thrust of a vehicle tilted against the wind.
 
     Args:
         down_ned: (2,) the tilt in the air, see `VehicleState.down_ned`.
     """
     north, east = down_ned
-    per_sine_mps2 = LEVEL_SHARE * GRAVITY_MPS2 / sqrt(max(1.0 - north * north - east * east, 0.25))
-    per_sine_mps2 = min(per_sine_mps2, LEVEL_ACC_MAX_MPS2 / max(hypot(north, east), 1e-9))
+    per_sine_mps2 = LEVEL_SHARE * planet.gravity_mps2 / sqrt(max(1.0 - north * north - east * east, 0.25))
+    per_sine_mps2 = min(per_sine_mps2, LEVEL_ACC_MAX_MPS2 * planet.gravity_ratio / max(hypot(north, east), 1e-9))
     return per_sine_mps2 * north, per_sine_mps2 * east
 
 

@@ -62,7 +62,7 @@ class PlainLanding:
         self._settings = settings.plain
         self._wind_limit = WindLimit(settings.wind_max_mps, force)
         self._go_arounds = GoArounds(settings.go_arounds_max)
-        self._contact = ContactWatcher(SLIDE_MAX_M)
+        self._contact = ContactWatcher(SLIDE_MAX_M, config.vehicle.planet)
         self._airframe = config.vehicle.airframe
         self._contact_ned_m = (spot_ned_m[0], spot_ned_m[1])
         """Middle of the feet at the first contact."""

@@ -204,8 +204,6 @@ FAR_M, NEAR_M = 3.5, 0.5
 """Between these errors the gain is interpolated; the integral is reset beyond FAR_M and grows only within NEAR_M."""
 INTEGRAL_MAX_MPS = 0.3
 """Limit of the integral's part."""
-ACC_MAX_MPS2 = 1.5
-"""Deceleration before the platform."""
 
 
 class PlatformControl:
@@ -237,7 +235,7 @@ class PlatformControl:
         config = self._config
         weight = min(max((error_m - NEAR_M) / (FAR_M - NEAR_M), 0.0), 1.0)
         gain_1ps = config.gain_near_1ps + weight * (config.gain_far_1ps - config.gain_near_1ps)
-        braking_mps = sqrt(2.0 * ACC_MAX_MPS2 * error_m)
+        braking_mps = sqrt(2.0 * config.deceleration_mps2 * error_m)
         return min(gain_1ps * error_m, braking_mps, config.speed_max_mps)
 
     def _integrate(self, dt_s: float, platform: PlatformState, error_m: float) -> None:

@@ -97,7 +97,7 @@ class RoverLanding:
         self._control = PlatformControl(land.platform_control)
         self._descent = Descent(land, room_m)
         self._vertical = VerticalSpeed()
-        self._contact = ContactWatcher(room_m)
+        self._contact = ContactWatcher(room_m, vehicle.planet)
         self._go_arounds = GoArounds(settings.go_arounds_max)
         self._watch = LandingWatch(land, t_ns, state)
         self._touchdown = TouchdownDetector(vehicle)

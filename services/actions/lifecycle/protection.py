@@ -153,7 +153,8 @@ class ResetWatch:
 CLEARANCE_MIN_M = 0.25
 """Least height of the feet over ground or platform in a flight that is no takeoff or landing."""
 BRAKING_MPS2 = 1.5
-"""Deceleration of the descent that a hover reaches; above the clearance there must be room for it."""
+"""Deceleration of the descent that a hover reaches in the Earth's gravity; above the clearance there must be room for
+it."""
 STANDING_CLEARANCE_M, STANDING_SPEED_MPS = 0.1, 0.1
 """A vehicle that is lower and slower than this stands, and must not be moved along the ground."""
 LOW_MIN_S = 0.15
@@ -167,11 +168,12 @@ class GroundProximity:
     then in the ground. The laser altimeter shows it in time.
 
     Args:
-        vehicle: has the mounting height of the altimeter.
+        vehicle: has the mounting height of the altimeter, and the gravity.
     """
 
     def __init__(self, vehicle: VehicleConfig) -> None:
         self._height_altimeter_m = vehicle.height_altimeter_m
+        self._braking_mps2 = BRAKING_MPS2 * vehicle.planet.gravity_ratio
         self._low_since_ns: int | None = None
 
     def problem(self, t_ns: int, state: VehicleState, move: Move) -> str:
@@ -201,7 +203,7 @@ class GroundProximity:
         down_mps = state.vel_uav_ned_mps[2]
         if clearance_m < STANDING_CLEARANCE_M and norm(state.vel_uav_ned_mps) < STANDING_SPEED_MPS:
             return True
-        braking_m = down_mps * down_mps / (2.0 * BRAKING_MPS2)
+        braking_m = down_mps * down_mps / (2.0 * self._braking_mps2)
         return down_mps > 0.0 and clearance_m < CLEARANCE_MIN_M + braking_m
 
 

@@ -48,12 +48,14 @@ class TrackingConfig(Config, frozen=True, kw_only=True):
         gain_1ps: velocity per position error.
         gain_integral_1ps2: velocity per integrated position error.
         gain_derivative: velocity per velocity error.
+        acceleration_max_mps2: limit of the acceleration that is fed forward.
     """
 
     rate_hz: Positive = 100.0
     gain_1ps: Positive = 2.5
     gain_integral_1ps2: Positive = 1.5
     gain_derivative: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.2
+    acceleration_max_mps2: Positive = 3.0
 
 
 class CaptureConfig(Config, frozen=True, kw_only=True):

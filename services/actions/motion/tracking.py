@@ -16,8 +16,6 @@ INTEGRAL_WITHIN_M, INTEGRAL_MAX_MPS = 0.5, 0.3
 """The integral grows only at a smaller position error than INTEGRAL_WITHIN_M; the other is its limit."""
 CORRECTION_MAX_MPS = 1.0
 """Limit of the proportional and the derivative part together."""
-ACCELERATION_MAX_MPS2 = 3.0
-"""Limit of the acceleration that is fed forward."""
 LAG_FREE_M, LAG_MAX_M = 0.3, 1.0
 """The reference slows down when the vehicle is farther from it than LAG_FREE_M, and waits beyond LAG_MAX_M."""
 PROGRESS_TIMEOUT_S = 20.0
@@ -112,7 +110,7 @@ class Tracker:
             self._integral_mps = clipped(grown, INTEGRAL_MAX_MPS)
         correction = add(scale(error_m, config.gain_1ps), scale(error_mps, config.gain_derivative))
         velocity = add(vel_ned_mps, add(clipped(correction, CORRECTION_MAX_MPS), self._integral_mps))
-        return velocity, clipped(add(acc_ned_mps2, scale(error_mps, config.gain_1ps)), ACCELERATION_MAX_MPS2)
+        return velocity, clipped(add(acc_ned_mps2, scale(error_mps, config.gain_1ps)), config.acceleration_max_mps2)
 
 
 def progress_timeout_s(state: VehicleState) -> float:

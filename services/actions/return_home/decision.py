@@ -326,7 +326,7 @@ def _leg_cost(
         return FlightCost(0.0, 0.0)
     direction_ned = scale(subtract(end_ned_m, start_ned_m), 1.0 / length_m)
     speed_mps = straight_speed_mps(start_ned_m, end_ned_m, speed_mps, move)
-    speed_mps = min(speed_mps, _speed_in_wind_mps(direction_ned, wind_ned_mps, vehicle.airframe.airspeed_max_mps))
+    speed_mps = min(speed_mps, _speed_in_wind_mps(direction_ned, wind_ned_mps, vehicle.airspeed_max_mps))
     if speed_mps < SPEED_MIN_MPS:
         return None
     time_s = SpeedProfile(length_m, speed_mps, move.accel_mps2).duration_s + move.reached_s

@@ -37,6 +37,9 @@ ON_PLATFORM_M = 1.5
 class EglRenderer:
     """Renders one camera's pictures, and views of the ground from above.
 
+    Attributes:
+        world: all that can be in the picture.
+
     Raises:
         NoEglError: there is no OpenGL.
     """
@@ -55,10 +58,10 @@ class EglRenderer:
         self._info = info = vehicle.camera.info(0)
         self._noise = noise
         self._clip_from_camera = clip_from_camera(info, NEAR_M, FAR_M)
-        self._world = GlWorld(gl, terrain, vehicle)
-        self._sky_program = self._world.program("screen.vert", "sky.frag")
+        self.world = GlWorld(gl, terrain, vehicle)
+        self._sky_program = self.world.program("screen.vert", "sky.frag")
         self._sky_program["to_sun"] = TO_SUN_NED
-        self._blur_program = self._world.program("screen.vert", "blur.frag")
+        self._blur_program = self.world.program("screen.vert", "blur.frag")
         self._blur_program["sharp"] = SHARP_UNIT
         self._blur_program["depth"] = DEPTH_UNIT
         self._make_targets((info.width_px, info.height_px))
@@ -82,12 +85,12 @@ class EglRenderer:
         view = views[1]
         placed = Placed(ned_from_rover_body(view), ned_from_frd(scene.pos_uav_ned_m, scene.q_ned_from_frd))
         middle_ned_m, reach_m = _shadow_area(view)
-        self._world.cast_shadows(middle_ned_m, reach_m, placed)
+        self.world.cast_shadows(middle_ned_m, reach_m, placed)
         clip_from_ned = self._clip_from_camera @ camera_from_ned(view)
         self._target.use()
         self._target.clear(depth=1.0)
-        pieces = self._world.ground.pieces_in_picture(view, self._info)
-        self._world.draw(clip_from_ned, view.pos_camera_ned_m, pieces, placed, HAZE_PER_M)
+        pieces = self.world.ground.pieces_in_picture(view, self._info)
+        self.world.draw(clip_from_ned, view.pos_camera_ned_m, pieces, placed, HAZE_PER_M)
         self._draw_sky(view)
         source = self._target
         moved = moved_px(views, self._info)
@@ -101,13 +104,13 @@ class EglRenderer:
         half_m = 0.5 * side_m
         target = self._gl.simple_framebuffer((texels, texels), 4)
         nobody = Placed(None, None)
-        self._world.cast_shadows(middle_ned_m, 1.5 * half_m + 1.0, nobody)
+        self.world.cast_shadows(middle_ned_m, 1.5 * half_m + 1.0, nobody)
         target.use()
         target.clear(depth=1.0)
         north_m, east_m, down_m = middle_ned_m
         above = (north_m, east_m, down_m - 50.0)
-        everywhere = list(range(len(self._world.ground.middles_m)))
-        self._world.draw(clip_from_above(middle_ned_m, half_m, half_m), above, everywhere, nobody, 0.0)
+        everywhere = list(range(len(self.world.ground.middles_m)))
+        self.world.draw(clip_from_above(middle_ned_m, half_m, half_m), above, everywhere, nobody, 0.0)
         picture = _read(target)
         target.release()
         return picture

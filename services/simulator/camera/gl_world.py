@@ -48,10 +48,15 @@ class Placed(NamedTuple):
 
 
 class GlWorld:
-    """Textures, meshes and programs in one context."""
+    """Textures, meshes and programs in one context.
+
+    Attributes:
+        shows_uav: whether the vehicle is drawn; it is never in the picture of its own camera.
+    """
 
     def __init__(self, gl: moderngl.Context, config: TerrainConfig, vehicle: VehicleConfig) -> None:
         self._gl = gl
+        self.shows_uav = False
         self._kept: list[moderngl.Texture] = []
         terrain = make_terrain(config)
         self._make_programs(vehicle.platform.side_m)
@@ -139,7 +144,7 @@ class GlWorld:
             lit["shadow_bias"] = bias_m / (2.0 * depth_m)
 
     def draw(self, clip_from_ned: Array, eye_ned_m: Vec3, pieces: list[int], placed: Placed, haze_per_m: float) -> None:
-        """Draw all but the sky, the nearest first. The vehicle is not drawn, as it is never in its camera's picture.
+        """Draw all but the sky, the nearest first.
 
         Args:
             pieces: indices of the ground's pieces to draw.
@@ -153,6 +158,9 @@ class GlWorld:
             self._board.seen.render(moderngl.TRIANGLE_STRIP)
             put(self._body_program["ned_from_body"], placed.ned_from_rover)
             self._rover.seen.render(moderngl.TRIANGLES)
+        if self.shows_uav and placed.ned_from_uav is not None:
+            put(self._body_program["ned_from_body"], placed.ned_from_uav)
+            self._uav.seen.render(moderngl.TRIANGLES)
         if self._rocks is not None:
             put(self._rock_program["ned_from_body"], np.eye(4))
             self._rocks.seen.render(moderngl.TRIANGLES)

@@ -7,7 +7,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from jezero.base.config import ConfigError, config_directory, load_config
-from jezero.base.vehicle_config import AirframeConfig
+from jezero.base.vehicle_config import AirframeConfig, PlanetConfig, VehicleConfig
 from jezero.services.autopilot.config import AutopilotConfig, ControlConfig
 from jezero.services.autopilot.control import ControlSetpoint, Kinematics, VelocityLoop, approach_speed_mps
 from jezero.services.autopilot.mixer import Mixer
@@ -36,14 +36,14 @@ def test_the_shipped_settings_are_the_defaults() -> None:
 
 
 def test_hovering_takes_half_throttle() -> None:
-    commands = Mixer(AIRFRAME, HOVER).commands(WEIGHT_N, (0.0, 0.0, 0.0))
+    commands = Mixer(VehicleConfig(), HOVER).commands(WEIGHT_N, (0.0, 0.0, 0.0))
     assert sum(commands) / 4.0 == pytest.approx(0.5)
     assert wrench(commands) == pytest.approx((WEIGHT_N, 0.0, 0.0, 0.0), abs=1e-9)
 
 
 def test_the_mixer_gives_the_wrench_it_is_asked_for() -> None:
     wanted = (WEIGHT_N, 0.3, -0.2, 0.05)
-    assert wrench(Mixer(AIRFRAME, HOVER).commands(wanted[0], wanted[1:])) == pytest.approx(wanted)
+    assert wrench(Mixer(VehicleConfig(), HOVER).commands(wanted[0], wanted[1:])) == pytest.approx(wanted)
 
 
 @given(st.floats(0.0, 60.0), numbers, numbers, numbers)
@@ -51,30 +51,30 @@ def test_the_mixer_gives_the_wrench_it_is_asked_for() -> None:
 @example(14.7, 50.0, -50.0, 0.0)
 @example(0.0, 1.0, 1.0, 5e-324)
 def test_commands_stay_between_zero_and_one(thrust: float, roll: float, pitch: float, yaw: float) -> None:
-    assert all(0.0 <= c <= 1.0 for c in Mixer(AIRFRAME, HOVER).commands(thrust, (roll, pitch, yaw)))
+    assert all(0.0 <= c <= 1.0 for c in Mixer(VehicleConfig(), HOVER).commands(thrust, (roll, pitch, yaw)))
 
 
 def test_yaw_gives_way_before_roll_and_pitch() -> None:
     wanted = (WEIGHT_N, 1.0, 0.5, 3.0)
-    thrust, roll, pitch, yaw = wrench(Mixer(AIRFRAME, HOVER).commands(wanted[0], wanted[1:]))
+    thrust, roll, pitch, yaw = wrench(Mixer(VehicleConfig(), HOVER).commands(wanted[0], wanted[1:]))
     assert (thrust, roll, pitch) == pytest.approx(wanted[:3])
     assert 0.0 <= yaw < 1.0
 
 
 def test_thrust_gives_way_before_roll_and_pitch() -> None:
-    thrust, roll, pitch, _ = wrench(Mixer(AIRFRAME, HOVER).commands(2.0 * WEIGHT_N, (1.0, 0.5, 0.0)))
+    thrust, roll, pitch, _ = wrench(Mixer(VehicleConfig(), HOVER).commands(2.0 * WEIGHT_N, (1.0, 0.5, 0.0)))
     assert (roll, pitch) == pytest.approx((1.0, 0.5))
     assert WEIGHT_N < thrust < 2.0 * WEIGHT_N
 
 
 def test_a_vehicle_at_its_setpoint_asks_for_its_weight() -> None:
-    loop = VelocityLoop(ControlConfig())
+    loop = VelocityLoop(ControlConfig(), PlanetConfig())
     force = loop.specific_force(0.016, REST, ControlSetpoint(pos_ned_m=(0.0, 0.0, -5.0)))
     assert force == pytest.approx((0.0, 0.0, -9.81))
 
 
 def test_a_far_setpoint_is_approached_no_faster_than_the_limits() -> None:
-    loop = VelocityLoop(ControlConfig())
+    loop = VelocityLoop(ControlConfig(), PlanetConfig())
     assert loop.velocity_setpoint(REST, ControlSetpoint(pos_ned_m=(300.0, 400.0, -100.0))) == pytest.approx(
         (3.0, 4.0, -3.0)
     )
@@ -90,7 +90,7 @@ def test_the_approach_is_proportional_near_the_point_and_brakes_at_a_constant_ra
 @given(numbers, numbers, numbers, numbers, numbers)
 def test_thrust_and_tilt_stay_within_their_limits(n: float, e: float, d: float, vn: float, vd: float) -> None:
     config = ControlConfig()
-    loop = VelocityLoop(config)
+    loop = VelocityLoop(config, PlanetConfig())
     at = Kinematics((n, e, d), (vn, 0.0, vd), (0.0, 0.0, 0.0), 0.0)
     for _ in range(5):
         fn, fe, fd = loop.specific_force(0.016, at, ControlSetpoint(pos_ned_m=(0.0, 0.0, -5.0)))

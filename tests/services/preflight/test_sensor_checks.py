@@ -161,3 +161,21 @@ def test_a_rover_without_tags_in_view_or_without_odometry_never_fails() -> None:
     assert "no tag is in view" in check_rover(readings({ESTIMATE_TAG.name: ()})).text
     assert "no tag is in view" in check_rover(readings({ESTIMATE_TAG.name: tags(None)})).text
     assert check_rover(readings({ROVER_ODOMETRY.name: ()})).verdict == "warning"
+
+
+@pytest.mark.parametrize(
+    ("error_deg", "verdict"), [(0.0, "passed"), (-8.0, "passed"), (15.0, "warning"), (70.0, "failed")]
+)
+def test_without_a_magnetometer_the_heading_is_compared_with_that_of_the_gnss_receiver(
+    error_deg: float, verdict: str
+) -> None:
+    fixes = tuple(msgspec.structs.replace(fix, yaw_uav_rad=0.5 + radians(error_deg)) for fix in gnss())
+    found = readings({GNSS.name: fixes, MAG.name: ()}, heading_by="gnss")
+    outcome = check_compass(found)
+    assert outcome.verdict == verdict
+    assert f"heading is 29°, {abs(error_deg):.0f}° from that of the GNSS receiver's two antennas" in outcome.text
+    assert check_sensors(found).verdict == "passed"
+
+
+def test_a_receiver_without_a_heading_is_a_warning_where_nothing_else_measures_it() -> None:
+    assert check_compass(readings(heading_by="gnss")).verdict == "warning"

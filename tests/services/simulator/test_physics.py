@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from jezero.base.frames import Vec3, norm, quat_from_euler, subtract, tilt_from_quat
-from jezero.base.vehicle_config import VehicleConfig
+from jezero.base.vehicle_config import PlanetConfig, VehicleConfig
 from jezero.services.simulator.body import BodyState
 from jezero.services.simulator.config import RoverConfig, SimulatorConfig, TerrainConfig, UavConfig
 from jezero.services.simulator.rover import RoverModel
@@ -58,7 +58,7 @@ def spun_up(uav: Uav, commands: tuple[float, ...], body: BodyState = AT_REST, wi
 
 
 def test_half_command_carries_the_weight() -> None:
-    force_ned_n, torque_frd_nm = spun_up(Uav(CONFIG, VEHICLE.airframe, DT_S), (0.5, 0.5, 0.5, 0.5))
+    force_ned_n, torque_frd_nm = spun_up(Uav(CONFIG, VEHICLE, DT_S), (0.5, 0.5, 0.5, 0.5))
     assert force_ned_n == pytest.approx((0.0, 0.0, -WEIGHT_N), rel=1e-4)
     # airframe 10016: sum of forward arms is zero, of sideways arms too, the yaw moments cancel
     assert torque_frd_nm == pytest.approx(ZERO, abs=1e-9)
@@ -67,28 +67,28 @@ def test_half_command_carries_the_weight() -> None:
 def test_each_motor_turns_the_body_as_airframe_10016_says() -> None:
     """Full thrust of one motor is 2 * weight / 4; motor 1 is front right and counter-clockwise."""
     one_n = 0.5 * WEIGHT_N
-    _, torque_frd_nm = spun_up(Uav(CONFIG, VEHICLE.airframe, DT_S), (1.0, 0.0, 0.0, 0.0))
+    _, torque_frd_nm = spun_up(Uav(CONFIG, VEHICLE, DT_S), (1.0, 0.0, 0.0, 0.0))
     assert torque_frd_nm == pytest.approx((-0.245 * one_n, 0.1515 * one_n, 0.05 * one_n), rel=1e-3)
-    _, torque_frd_nm = spun_up(Uav(CONFIG, VEHICLE.airframe, DT_S), (0.0, 0.0, 0.0, 1.0))
+    _, torque_frd_nm = spun_up(Uav(CONFIG, VEHICLE, DT_S), (0.0, 0.0, 0.0, 1.0))
     assert torque_frd_nm == pytest.approx((-0.1875 * one_n, -0.1515 * one_n, -0.05 * one_n), rel=1e-3)
 
 
 def test_a_rotor_reaches_63_percent_of_its_speed_in_one_time_constant() -> None:
-    uav = Uav(CONFIG, VEHICLE.airframe, DT_S)
+    uav = Uav(CONFIG, VEHICLE, DT_S)
     for _ in range(round(CONFIG.uav.tau_motor_s / DT_S)):
         uav.step((1.0, 1.0, 1.0, 1.0), AT_REST, ZERO, HIGH_M)
     assert uav.speeds[0] == pytest.approx(0.632, abs=0.001)
 
 
 def test_three_metres_per_second_of_wind_tilt_the_hovering_vehicle_by_six_and_a_half_degrees() -> None:
-    force_ned_n, _ = spun_up(Uav(CONFIG, VEHICLE.airframe, DT_S), (0.5, 0.5, 0.5, 0.5), wind=(0.0, 3.0, 0.0))
+    force_ned_n, _ = spun_up(Uav(CONFIG, VEHICLE, DT_S), (0.5, 0.5, 0.5, 0.5), wind=(0.0, 3.0, 0.0))
     assert force_ned_n[0] == pytest.approx(0.0, abs=1e-9)
     assert degrees(atan2(force_ned_n[1], WEIGHT_N)) == pytest.approx(6.5, abs=0.4)
 
 
 def test_body_drag_grows_with_the_square_of_the_airspeed() -> None:
     """Rotors at rest: 0.5 * 1.2 kg/m^3 * 0.06 m^2 * (10 m/s)^2 = 3.6 N sideways, 0.1 m^2 give 6.0 N when falling."""
-    resting = Uav(CONFIG, VEHICLE.airframe, DT_S)
+    resting = Uav(CONFIG, VEHICLE, DT_S)
     body = AT_REST._replace(vel_ned_mps=(10.0, 0.0, 0.0))
     assert resting.step((0.0,) * 4, body, ZERO, HIGH_M)[0] == pytest.approx((-3.6, 0.0, 0.0))
     body = AT_REST._replace(vel_ned_mps=(0.0, 0.0, 10.0))
@@ -97,7 +97,7 @@ def test_body_drag_grows_with_the_square_of_the_airspeed() -> None:
 
 def test_thrust_follows_the_body() -> None:
     body = AT_REST._replace(q_ned_from_frd=quat_from_euler(radians(90.0), 0.0, 0.0))
-    force_ned_n, _ = spun_up(Uav(CONFIG, VEHICLE.airframe, DT_S), (0.5, 0.5, 0.5, 0.5), body)
+    force_ned_n, _ = spun_up(Uav(CONFIG, VEHICLE, DT_S), (0.5, 0.5, 0.5, 0.5), body)
     assert force_ned_n == pytest.approx((0.0, WEIGHT_N, 0.0), rel=1e-4, abs=1e-3)
 
 
@@ -122,7 +122,7 @@ def test_free_fall(world: World) -> None:
 
 def test_hover_thrust_balances_the_weight(world: World) -> None:
     world.place_uav((0.0, 0.0, -5.0), 0.3)
-    uav = Uav(CONFIG, VEHICLE.airframe, DT_S)
+    uav = Uav(CONFIG, VEHICLE, DT_S)
     spun_up(uav, (0.5, 0.5, 0.5, 0.5))
     for _ in range(500):
         state = world.step(*uav.step((0.5, 0.5, 0.5, 0.5), world.state, ZERO, HIGH_M))
@@ -304,8 +304,8 @@ def test_rocks_stop_the_vehicle(world: World) -> None:
 
 
 def test_on_mars_everything_falls_slower() -> None:
-    config = msgspec.structs.replace(CONFIG, gravity_mps2=3.71)
-    world = World(config, VEHICLE, TERRAIN, RoverModel(config.rover, TERRAIN, PLATFORM_M).state)
+    vehicle = msgspec.structs.replace(VEHICLE, planet=PlanetConfig(gravity_mps2=3.71))
+    world = World(CONFIG, vehicle, TERRAIN, RoverModel(CONFIG.rover, TERRAIN, PLATFORM_M).state)
     assert world.step(ZERO, ZERO).acc_frd_mps2 == pytest.approx((0.0, 0.0, -3.71), abs=1e-3)
     world.place_uav((0.0, 0.0, -20.0), 0.0)
     for _ in range(250):
@@ -318,7 +318,7 @@ def test_on_mars_everything_falls_slower() -> None:
 def test_no_motor_commands_make_the_state_non_finite(world: World, seed: int) -> None:
     """Each motor is anywhere between off and full for half a second at a time: it tumbles, crashes and scrapes."""
     rng = np.random.default_rng(seed)
-    uav = Uav(CONFIG, VEHICLE.airframe, DT_S)
+    uav = Uav(CONFIG, VEHICLE, DT_S)
     for step in range(5000):
         if step % 125 == 0:
             commands = tuple(rng.random(4).round().tolist())

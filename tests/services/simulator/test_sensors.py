@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jezero.base.frames import Vec3, ned_from_geodetic, quat_from_euler
-from jezero.base.vehicle_config import VehicleConfig
+from jezero.base.vehicle_config import PlanetConfig, VehicleConfig
 from jezero.services.simulator.body import BodyState, RoverState
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.sensors import (
@@ -41,7 +41,7 @@ def imu(seed: int) -> Callable[[], tuple[float, ...]]:
 
 
 def gnss(seed: int) -> Callable[[], tuple[float, ...]]:
-    sensor = GnssModel(CONFIG.gnss, ORIGIN, seed)
+    sensor = GnssModel(CONFIG.gnss, ORIGIN, seed, "magnetometer")
 
     def measure() -> tuple[float, ...]:
         fix = sensor.measure(0, BODY)
@@ -51,7 +51,7 @@ def gnss(seed: int) -> Callable[[], tuple[float, ...]]:
 
 
 def barometer(seed: int) -> Callable[[], tuple[float, ...]]:
-    sensor = BarometerModel(CONFIG.barometer, ORIGIN, seed)
+    sensor = BarometerModel(CONFIG.barometer, ORIGIN, PlanetConfig(), seed)
     return lambda: (sensor.measure(0, BODY).pressure_pa,)
 
 
@@ -172,9 +172,9 @@ def test_the_field_turns_with_the_body() -> None:
 
 
 def test_pressure_is_that_of_the_standard_atmosphere() -> None:
-    assert pressure_pa(0.0) == 101_325.0
-    assert pressure_pa(1000.0) == pytest.approx(89_875.0, abs=5.0)
-    assert altitude_pressure_m(pressure_pa(488.0)) == pytest.approx(488.0)
+    assert pressure_pa(0.0, PlanetConfig()) == 101_325.0
+    assert pressure_pa(1000.0, PlanetConfig()) == pytest.approx(89_875.0, abs=5.0)
+    assert altitude_pressure_m(pressure_pa(488.0, PlanetConfig()), PlanetConfig()) == pytest.approx(488.0)
 
 
 @pytest.mark.parametrize("true_range_m", [None, 0.02, 10.5])

@@ -279,7 +279,6 @@ def test_the_shipped_settings_are_the_defaults() -> None:
         ("[uav]\ntau_motor_s = nan", "uav.tau_motor_s"),
         ('[uav]\nstart = "moon"', "uav.start"),
         ("[gnss]\ndelay_s = 5.0", "gnss.delay_s"),
-        ("gravity_mps2 = 0.0", "gravity_mps2"),
     ],
 )
 def test_a_bad_setting_is_refused_by_its_name(tmp_path: Any, text: str, names: str) -> None:

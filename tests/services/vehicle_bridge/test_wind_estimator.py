@@ -7,12 +7,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from jezero.base.frames import Quat, Vec3
-from jezero.base.vehicle_config import AirframeConfig
+from jezero.base.vehicle_config import AirframeConfig, VehicleConfig
 from jezero.schemas.state import Odometry
 from jezero.services.vehicle_bridge.vehicle import VehicleSnapshot
 from jezero.services.vehicle_bridge.wind_estimator import WindEstimator, wind_ned_mps
 
-AIRFRAME = AirframeConfig(mass_kg=1.5, drag_rotors_nspm=0.45, drag_area_side_m2=0.06)
+ROBOT = VehicleConfig(airframe=AirframeConfig(mass_kg=1.5, drag_rotors_nspm=0.45, drag_area_side_m2=0.06))
 STILL: Vec3 = (0.0, 0.0, 0.0)
 
 
@@ -21,17 +21,17 @@ def pitched(angle_rad: float) -> Quat:
 
 
 def test_a_level_hover_has_no_wind() -> None:
-    assert wind_ned_mps(STILL, STILL, pitched(0.0), AIRFRAME) == pytest.approx(STILL, abs=1e-9)
+    assert wind_ned_mps(STILL, STILL, pitched(0.0), ROBOT) == pytest.approx(STILL, abs=1e-9)
 
 
 def test_a_level_flight_at_constant_speed_has_the_wind_with_it() -> None:
-    assert wind_ned_mps(STILL, (3.0, 0.0, 0.0), pitched(0.0), AIRFRAME) == pytest.approx((3.0, 0.0, 0.0))
+    assert wind_ned_mps(STILL, (3.0, 0.0, 0.0), pitched(0.0), ROBOT) == pytest.approx((3.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize("pitch_rad", [-0.3, -0.1, 0.1])
 def test_a_hover_that_leans_into_the_wind_has_the_airspeed_of_its_drag(pitch_rad: float) -> None:
     """In the plane of the rotors: 0.45 v + 0.5 · 1.2 · 0.06 v² = 1.5 · 9.81 · sin(pitch)."""
-    wind = wind_ned_mps(STILL, STILL, pitched(pitch_rad), AIRFRAME)
+    wind = wind_ned_mps(STILL, STILL, pitched(pitch_rad), ROBOT)
     assert wind is not None
     drag_n = 1.5 * 9.81 * sin(abs(pitch_rad))
     in_plane_mps = (sqrt(0.45**2 + 4.0 * 0.036 * drag_n) - 0.45) / (2.0 * 0.036)
@@ -53,17 +53,19 @@ def test_the_wind_of_a_simulated_drag_is_found(seed: int) -> None:
     down = np.array((0.0, 0.0, 1.0))
     acc_ned_mps2 = attitude.apply((drag_n - rng.uniform(5.0, 25.0) * down) / 1.5) + 9.81 * down
     w, x, y, z = attitude.as_quat(scalar_first=True).tolist()
-    found = wind_ned_mps(tuple(acc_ned_mps2.tolist()), tuple(vel_ned_mps.tolist()), (w, x, y, z), AIRFRAME)
+    found = wind_ned_mps(tuple(acc_ned_mps2.tolist()), tuple(vel_ned_mps.tolist()), (w, x, y, z), ROBOT)
     assert found == pytest.approx(tuple(wind), abs=0.02)
 
 
 def test_a_vehicle_on_its_side_tells_nothing_of_the_wind() -> None:
-    assert wind_ned_mps(STILL, STILL, pitched(1.3), AIRFRAME) is None
+    assert wind_ned_mps(STILL, STILL, pitched(1.3), ROBOT) is None
 
 
 @pytest.mark.parametrize(("drag_rotors_nspm", "known"), [(0.45, True), (0.0, False)])
 def test_without_drag_in_the_settings_the_wind_is_unknown(drag_rotors_nspm: float, known: bool) -> None:
-    estimator = WindEstimator(AirframeConfig(drag_rotors_nspm=drag_rotors_nspm, drag_area_side_m2=0.0))
+    estimator = WindEstimator(
+        VehicleConfig(airframe=AirframeConfig(drag_rotors_nspm=drag_rotors_nspm, drag_area_side_m2=0.0))
+    )
     flying = VehicleSnapshot(t_ns=0, timer_ns=0, armed=True, landed=False, height_m=3.0)
     for step in range(200):
         odometry = Odometry(
@@ -98,12 +100,12 @@ def test_the_mean_begins_with_the_first_samples_and_follows_a_wind_that_rises_la
     north_mps: float, east_mps: float
 ) -> None:
     """A sample of 0.4 s has 0.08 of the weight: after twelve, 0.92 to the power of 12 is 0.368 of the wind before."""
-    estimator = WindEstimator(AIRFRAME)
+    estimator = WindEstimator(ROBOT)
     fly_level(estimator, 0.0, 2.2, (north_mps, east_mps, 0.0))
     assert estimator.wind is not None
     assert estimator.wind.mean_ned_mps == pytest.approx((north_mps, east_mps, 0.0))
     assert estimator.wind.std_gust_mps == pytest.approx(0.0, abs=1e-6)
-    estimator = WindEstimator(AIRFRAME)
+    estimator = WindEstimator(ROBOT)
     fly_level(estimator, 0.0, 40.0, STILL)
     fly_level(estimator, 41.0, 46.0, (north_mps, east_mps, 0.0))  # the gap keeps the jump of the velocity out
     assert estimator.wind is not None
@@ -113,7 +115,7 @@ def test_the_mean_begins_with_the_first_samples_and_follows_a_wind_that_rises_la
 
 
 def test_the_wind_is_found_while_it_carries_a_level_vehicle_along() -> None:
-    estimator, vel_mps = WindEstimator(AIRFRAME), 0.0
+    estimator, vel_mps = WindEstimator(ROBOT), 0.0
     flying = VehicleSnapshot(t_ns=0, timer_ns=0, armed=True, landed=False, height_m=3.0)
     for step in range(120):
         odometry = Odometry(

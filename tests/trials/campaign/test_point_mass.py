@@ -5,6 +5,7 @@ from math import atan, degrees
 import pytest
 
 from jezero.base.frames import Vec3, geodetic_from_ned, tilt_from_quat, yaw_from_quat
+from jezero.base.vehicle_config import PlanetConfig
 from jezero.services.autopilot.alignment import Fix
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.control import ControlSetpoint
@@ -25,7 +26,7 @@ class Bench:
         config = AutopilotConfig()
         self.point = Point(G)
         self.estimate = PointEstimate(config.estimator, self.point, ORIGIN)
-        self.pilot = PointPilot(config, self.point, self.estimate)
+        self.pilot = PointPilot(config, self.point, self.estimate, PlanetConfig())
         self.t_us = 0
 
     def fly(self, seconds: float, setpoint: ControlSetpoint) -> None:

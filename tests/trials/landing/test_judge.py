@@ -112,3 +112,11 @@ def test_each_go_around_counts_once_however_many_messages_it_has() -> None:
         message = FeedbackMessage(t_ns=0, goal_id="g", action="land_on_spot", code=8, feedback=feedback)
         judge(0, topics.feedback_of(topics.LAND_ON_SPOT).name, encode(message))
     assert judge.go_arounds == 2
+
+
+def test_a_vehicle_with_large_rotors_does_not_start_under_the_rover() -> None:
+    conditions = Conditions(case="uwb+tag")
+    usual, clear = ([draw_trial(seed, conditions, clear_m) for seed in range(200)] for clear_m in (0.0, 2.6))
+    assert min(hypot(*trial.pos_rover_ned_m) for trial in clear) >= 2.6
+    assert [trial.altitude_m for trial in usual] == [trial.altitude_m for trial in clear]
+    assert [trial.yaw_rover_rad for trial in usual] == [trial.yaw_rover_rad for trial in clear]

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from jezero.base.frames import Quat
-from jezero.base.vehicle_config import AirframeConfig, PlatformConfig, VehicleConfig
+from jezero.base.vehicle_config import AirframeConfig, PlanetConfig, PlatformConfig, VehicleConfig
 from jezero.schemas.estimate import DeckMotion
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.land_on_spot.contact import (
@@ -40,14 +40,14 @@ def state_with(q_ned_from_frd: Quat = LEVEL) -> VehicleState:
 
 
 def problem(surface: OnSurface | None, q_ned_from_frd: Quat = LEVEL, after_s: float = 0.1) -> str:
-    watcher = ContactWatcher(ROOM_M)
+    watcher = ContactWatcher(ROOM_M, PlanetConfig())
     watcher.begin(0, (0.0, 0.0))
     return watcher.update(int(after_s * NS_PER_S), surface, state_with(q_ned_from_frd))
 
 
 def problem_of_slide(begin_m: float, end_m: float, duration_s: float, std_m: float = 0.0) -> str:
     """Problem at the end of an even motion towards the north."""
-    watcher, found, steps = ContactWatcher(ROOM_M), "", round(duration_s / 0.02)
+    watcher, found, steps = ContactWatcher(ROOM_M, PlanetConfig()), "", round(duration_s / 0.02)
     watcher.begin(0, (0.0, 0.0))
     for i in range(steps + 1):
         offset_m = begin_m + (end_m - begin_m) * i / steps
@@ -74,7 +74,7 @@ def test_a_motion_in_the_first_instant_of_contact_is_no_slide_yet() -> None:
 
 
 def test_a_slide_is_measured_anew_after_a_time_without_measurements() -> None:
-    watcher = ContactWatcher(ROOM_M)
+    watcher = ContactWatcher(ROOM_M, PlanetConfig())
     watcher.begin(0, (0.0, 0.0))
     assert watcher.update(0, OnSurface((0.0, 0.0)), state_with()) == ""
     assert watcher.update(NS_PER_S // 10, None, state_with()) == ""
@@ -109,7 +109,7 @@ def test_without_a_measured_place_only_the_tilt_counts() -> None:
 
 
 def test_the_thrust_goes_down_only_after_the_touchdown_and_the_tilt_against_the_wind_with_it() -> None:
-    watcher = ContactWatcher(ROOM_M)
+    watcher = ContactWatcher(ROOM_M, PlanetConfig())
     watcher.begin(0, (0.1, 0.0))
     assert watcher.push_acc_ned_mps2(0.4) == (0.0, 0.0, 0.0)
     north_mps2, east_mps2, down_mps2 = watcher.push_acc_ned_mps2(0.1)
@@ -120,7 +120,9 @@ def test_the_thrust_goes_down_only_after_the_touchdown_and_the_tilt_against_the_
 
 def test_of_the_thrust_against_a_storm_no_more_is_cancelled_than_the_autopilot_surely_makes() -> None:
     """What is too much would tip the vehicle over downwind."""
-    assert level_acc_ned_mps2((0.3, -0.4)) == pytest.approx((0.6 * LEVEL_ACC_MAX_MPS2, -0.8 * LEVEL_ACC_MAX_MPS2))
+    assert level_acc_ned_mps2((0.3, -0.4), PlanetConfig()) == pytest.approx(
+        (0.6 * LEVEL_ACC_MAX_MPS2, -0.8 * LEVEL_ACC_MAX_MPS2)
+    )
 
 
 def test_a_rolled_vehicle_has_one_side_of_its_feet_lower() -> None:

@@ -9,7 +9,6 @@ from jezero.services.actions.motion.behaviour import VehicleState
 from jezero.services.actions.motion.config import TrackingConfig
 from jezero.services.actions.motion.straight_path import TimedStraightPath
 from jezero.services.actions.motion.tracking import (
-    ACCELERATION_MAX_MPS2,
     CORRECTION_MAX_MPS,
     INTEGRAL_MAX_MPS,
     Reference,
@@ -93,7 +92,7 @@ def test_a_distant_vehicle_gets_bounded_commands() -> None:
     tracker.advance(DT_NS, circle(0.0), away)
     velocity, acceleration = tracker.command(DT_S, circle(0.0), away)
     assert hypot(*velocity) <= CORRECTION_MAX_MPS + INTEGRAL_MAX_MPS + 1e-9
-    assert hypot(*acceleration) <= ACCELERATION_MAX_MPS2 + 1e-9
+    assert hypot(*acceleration) <= CONFIG.acceleration_max_mps2 + 1e-9
 
 
 def test_a_vehicle_that_never_gets_to_the_end_of_the_reference_is_stuck() -> None:
