@@ -216,8 +216,10 @@ def bench() -> None:
 )
 @click.option("--n", type=click.IntRange(1, 100_000), default=100, show_default=True, help="Landings of each case.")
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="First seed.")
-@click.option("--rover", type=click.Choice(["still", "drive", "turn", "zigzag", "fast"]), default="still", show_default=True,
-              help="Motion: none; 0.5 m/s straight; 1 m/s and 0.2 rad/s; 0.8 m/s, turning left and right; 4 m/s straight.")  # fmt: skip
+@click.option("--rover", type=click.Choice(["still", "drive", "turn", "zigzag", "fast"]), default="still",
+              show_default=True,
+              help="Motion: none; 0.5 m/s straight; 1 m/s and 0.2 rad/s; 0.8 m/s, turning left and right; "
+              "4 m/s straight.")  # fmt: skip
 @click.option("--wind", "wind_mps", type=click.FloatRange(0.0, 30.0), default=3.0, show_default=True, metavar="MEAN",
               help="Speed of the mean wind, in m/s.")  # fmt: skip
 @click.option("--gusts", "std_gust_mps", type=click.FloatRange(0.0, 10.0), default=0.6, show_default=True,
@@ -228,6 +230,7 @@ def bench() -> None:
               help="Tilt of the rover's platform, in a random direction.")  # fmt: skip
 @click.option("--sea", nargs=3, type=float, metavar="HEIGHT PERIOD TILT", callback=_sea,
               help="Waves under the rover: significant height in m, period in s, tilt in degrees.")  # fmt: skip
+@click.option("--rocks", is_flag=True, help="The rover drives over rocks, and its platform leans and heaves with it.")
 @click.option("--compass-step", "compass_step_deg", type=click.FloatRange(-180.0, 180.0), default=0.0,
               show_default=True, metavar="DEG",
               help="Jump of the vehicle's compass at a random time of the landing.")  # fmt: skip

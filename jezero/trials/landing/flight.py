@@ -38,6 +38,8 @@ ROVER_DRIVES_BEFORE_S = 2.0
 """The rover drives for this time before the landing's goal is sent, so that it has reached its speed."""
 UWB_ONLY_STD_M, UWB_ONLY_OUTLIERS = 0.1, 0.1
 """Errors of real hardware, for the case that lands with UWB only."""
+MANY_ROCKS = 300
+"""Number of rocks of a landing on a rover that drives over them."""
 AFTER_FAILURE_S = 5.0
 """Duration of the flight after a failed landing, which shows what the vehicle does then."""
 SERVICES_LEFT_OUT = ("go_to",)
@@ -203,7 +205,11 @@ def simulator_config(trial: Trial) -> SimulatorConfig:
         wind=WindConfig(
             mean_mps=conditions.wind_mps, from_deg=trial.wind_from_deg, std_gust_mps=conditions.std_gust_mps
         ),
-        terrain=replace(shipped.terrain, water_depth_m=0.0 if conditions.sea is None else conditions.sea[0]),
+        terrain=replace(
+            shipped.terrain,
+            water_depth_m=0.0 if conditions.sea is None else conditions.sea[0],
+            rocks=MANY_ROCKS if conditions.rocks else shipped.terrain.rocks,
+        ),
         rover=replace(
             shipped.rover,
             start_north_m=north_m,
@@ -211,6 +217,7 @@ def simulator_config(trial: Trial) -> SimulatorConfig:
             start_yaw_rad=trial.yaw_rover_rad,
             tilt_deg=conditions.tilt_deg,
             tilt_towards_deg=trial.tilt_towards_deg,
+            tilts_with_ground=conditions.rocks or shipped.rover.tilts_with_ground,
             sea=_sea_config(trial),
         ),
         uwb=replace(

@@ -57,6 +57,7 @@ class Conditions(msgspec.Struct, frozen=True, kw_only=True):
         tilt_deg: tilt of the platform; the seed draws its direction.
         sea: (3,) height in m and period in s of the waves that move the rover, and the tilt of the deck in degrees, as
             in the simulator's `SeaConfig`; None for none. The seed draws the waves and their direction.
+        rocks: whether the rover drives over many rocks, and leans and heaves with the ground.
         tag_side_m: side of the landing board's big tag as it was printed; None prints it as configured.
         rover_compass_deg: constant error of the rover's compass, clockwise.
         compass_step_deg: angle by which the vehicle's compass jumps during the landing; the seed draws when.
@@ -77,6 +78,7 @@ class Conditions(msgspec.Struct, frozen=True, kw_only=True):
     wind_change_mps: float | None = None
     tilt_deg: float = 0.0
     sea: tuple[float, float, float] | None = None
+    rocks: bool = False
     tag_side_m: float | None = None
     rover_compass_deg: float = 0.0
     compass_step_deg: float = 0.0
