@@ -46,15 +46,17 @@ class DeckMonitor:
 
     def __init__(self, *, always: bool = False) -> None:
         self._always = always
-        self.moves = always
         self._tilts: deque[tuple[int, float, float]] = deque()
         self._heights: deque[tuple[int, float, float]] = deque()
         self._motion: deque[tuple[int, float, float]] = deque()
-        self._moved_ns = 0
+        self.restart()
 
-    def clear(self) -> None:
-        """Forget the heights, which don't fit those after a reset of the vehicle's position."""
-        self._heights.clear()
+    def restart(self) -> None:
+        """Forget everything, as in a new epoch, whose time may have begun anew."""
+        self.moves = self._always
+        self._moved_ns = 0
+        for samples in (self._tilts, self._heights, self._motion):
+            samples.clear()
 
     def add_tilt(self, t_ns: int, roll_rad: float, pitch_rad: float) -> None:
         """Add the platform's attitude by the rover's IMU."""

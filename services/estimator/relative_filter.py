@@ -135,7 +135,6 @@ class RelativeFilter:
         self._history = None
         self._window.clear()
         self.consistency.restart()
-        self.deck.clear()
         self._reset_at_ns.clear()
         self._rejected_inputs = ()
         self._prior = prior

@@ -144,6 +144,7 @@ class Estimator:
         self._R_level_from_rover_body = LEVEL
         self._outlier_filter.clear()
         self._rover_check.clear()
+        self._filter.deck.restart()
         self._restart_due = True
 
     def _serve(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:

@@ -24,7 +24,7 @@ SPREAD_RAD = radians(25.0)
 """Standard deviation of the waves' directions around the main one."""
 
 
-class DeckMotion(NamedTuple):
+class WaveMotion(NamedTuple):
     """What the waves do to a rover that floats.
 
     Attributes:
@@ -59,7 +59,7 @@ class Sea:
     def __init__(self, config: SeaConfig, rng: np.random.Generator, gravity_mps2: float) -> None:
         self._waves = _draw_waves(config, rng, gravity_mps2)
 
-    def motion(self, t_s: float, north_m: float, east_m: float, yaw_rad: float) -> DeckMotion:
+    def motion(self, t_s: float, north_m: float, east_m: float, yaw_rad: float) -> WaveMotion:
         """Motion of a deck at a place of the map at a time.
 
         Args:
@@ -75,7 +75,7 @@ class Sea:
             tilt_east_rad += rise_rad * wave.east
         c, s = cos(yaw_rad), sin(yaw_rad)
         pitch_rad = c * tilt_north_rad + s * tilt_east_rad
-        return DeckMotion(heave_m, -(c * tilt_east_rad - s * tilt_north_rad), pitch_rad)
+        return WaveMotion(heave_m, -(c * tilt_east_rad - s * tilt_north_rad), pitch_rad)
 
 
 def make_sea(config: SeaConfig, seed: int, gravity_mps2: float) -> Sea | None:

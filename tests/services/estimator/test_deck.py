@@ -60,6 +60,15 @@ def test_it_counts_as_still_again_some_time_after_the_last_sign() -> None:
     assert not deck.moves
 
 
+def test_a_new_epoch_whose_time_begins_anew_knows_nothing_of_the_last_one() -> None:
+    deck = watched(10.0, tilt_rad=0.05)
+    deck.restart()
+    assert not deck.moves
+    for step in range(100):
+        deck.add_tilt(step * 40 * MS, 0.0, 0.0)
+        assert not deck.moves
+
+
 def test_its_motion_is_told_as_two_standard_deviations_and_the_newest_tilt_with_its_rates() -> None:
     deck = DeckMonitor()
     for step in range(1000):
