@@ -135,7 +135,7 @@ def test_a_rover_of_ros_is_driven_by_jezero_and_landed_on(unstarted: Stack, ros:
                 landed = uav.land_on_spot(use_tag=False).result(FLIGHT_TIMEOUT_S)
             assert landed.completed
             assert (0.3, 0.0) in rover.twists
-            assert rover.twists[-1] == (0.0, 0.0), "the rover stands at the end"
+            wait_for(lambda: rover.twists[-1] == (0.0, 0.0), START_TIMEOUT_S, "the rover stands at the end")
             assert max(odometry.speed_rover_body_mps for odometry in received) == pytest.approx(0.3, abs=0.1)
             print(f"landed at {landed.touchdown_ned_m}, heading {degrees(received[-1].yaw_rover_rad):.0f} degrees")
 
