@@ -49,7 +49,7 @@ HEADERS = """import sysconfig, numpy
 print(sysconfig.get_path("include"), numpy.get_include())
 """
 ROOT = Path(__file__).resolve().parents[3]
-INSTALL_TIMEOUT_S = 240.0
+INSTALL_TIMEOUT_S = 600.0
 BUILD_TIMEOUT_S = 600.0
 DOMAIN_ID_MAX = 100
 """Each process of pytest has a domain of ROS, so that tests that run at the same time don't hear each other."""
