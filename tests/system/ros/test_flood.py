@@ -36,6 +36,8 @@ each process of the stack, which has a session of its own. Source: sched(7), the
 HEIGHT_M, AWAY_M, SPEED_MPS = 3.0, 20.0, 0.6
 RATE_SHARE_MIN, GAP_MORE_MAX_S, SLOWER_MAX, OFF_LINE_MORE_MAX_M = 0.9, 0.2, 1.05, 0.2
 FLOODED_MIN_S = 10.0
+COST_MAX = 0.05
+"""Share of a processor that each process of the stack may use more than without a flood of requests."""
 WATCHED: tuple[Topic[Any], ...] = (SETPOINT, ODOMETRY, STATUS)
 
 
@@ -191,6 +193,9 @@ def test_a_flooded_bridge_is_nothing_to_the_vehicle(
     for topic in WATCHED:
         assert flight.rate_hz(topic) > RATE_SHARE_MIN * alone.rate_hz(topic), f"{topic.name}; {shown}"
         assert flight.gap_s(topic) < alone.gap_s(topic) + GAP_MORE_MAX_S, f"{topic.name}; {shown}"
+    if what == "requests":
+        for name, share in flight.cpu.items():
+            assert share < alone.cpu[name] + COST_MAX, f"{name}; {shown}"
     assert flight.duration_s < SLOWER_MAX * alone.duration_s, shown
     assert flight.off_line_m < alone.off_line_m + OFF_LINE_MORE_MAX_M, shown
     statuses = flight.messages[STATUS.name]
