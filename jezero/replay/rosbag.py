@@ -401,16 +401,22 @@ def _run(messages: Iterator[_Message], player: _Player) -> None:
 
     The time of a step is that of the bag, where this is vehicle time, as in bags of `jezero recording export`: there it
     is the time of the step that read these messages in flight. In others it is the newest time in a message so far.
+    Requests have none, so those before the first message wait for it.
     """
     newest_ns = 0
     in_vehicle_time: bool | None = None
     has_clock = False
+    waiting: list[_Message] = []
     for logged_ns, group in groupby(messages, lambda each: each.logged_ns):
-        together = list(group)
+        together = [*waiting, *group]
         times_ns = [each.message.t_ns for each in together if isinstance(each.source, Topic)]
-        if in_vehicle_time is None and times_ns:
+        if in_vehicle_time is None and not times_ns:
+            waiting = together
+            continue
+        waiting = []
+        if in_vehicle_time is None:
             in_vehicle_time = abs(logged_ns - times_ns[0]) < SAME_CLOCK_MAX_NS
         has_clock = has_clock or any(each.source is topics.CLOCK for each in together)
-        newest_ns = max(newest_ns, *((logged_ns,) if in_vehicle_time else times_ns))
+        newest_ns = max((newest_ns, *((logged_ns,) if in_vehicle_time else times_ns)))
         player.step(logged_ns, newest_ns, together, has_clock=has_clock)
     player.end(newest_ns)

@@ -42,6 +42,7 @@ from jezero.services.ros2_bridge.geometry import RosMessage
 from jezero.services.ros2_bridge.rows import (
     DEPTH,
     EVERY_HEALTH,
+    EXACT,
     EXACT_ROWS,
     REQUESTS,
     ROWS,
@@ -196,7 +197,7 @@ def write_bag(
     context, builder = Context(vehicle, config), MessageBuilder(version)
     plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
     runs = _estimator_runs(recording)
-    rows = tuple(row for row in ROWS if not (runs and row in EXACT_ROWS))
+    rows = tuple(row for row in ROWS if not (runs and row.name.startswith(EXACT)))
     with Writer(folder, version=version, storage_plugin=plugin) as writer:
         bag = BagWriter(writer, builder, vehicle)
         if runs:

@@ -5,6 +5,8 @@ from collections import deque
 from collections.abc import Iterable
 from math import inf, nan, sqrt
 
+from msgspec.structs import replace
+
 from jezero.base.frames import (
     Quat,
     Vec3,
@@ -22,7 +24,7 @@ from jezero.base.frames import (
 )
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.schemas.commands import RoverCommand
-from jezero.schemas.estimate import Relative, RoverEstimate
+from jezero.schemas.estimate import Lease, Relative, RoverEstimate
 from jezero.schemas.fence import FenceState, Zone
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.sensors import (
@@ -38,6 +40,8 @@ from jezero.schemas.sensors import (
     model_of,
 )
 from jezero.schemas.state import Odometry, Status
+from jezero.schemas.units import NS_PER_S
+from jezero.services.ros2_bridge.exact import to_exact
 from jezero.services.ros2_bridge.geometry import (
     UPRIGHT,
     RosMessage,
@@ -78,6 +82,8 @@ RGB = "rgb8"
 
 
 TRAIL_STEP_M, TRAIL_MAX = 0.25, 1000
+LEASE_PERIOD_NS = NS_PER_S
+"""A lease ends 3 s after its last renewal."""
 
 
 class Context:
@@ -91,6 +97,8 @@ class Context:
         q_ned_from_frd: newest attitude; upright before the first.
         camera_info: newest intrinsics; None before the first.
         parameters_version: newest version of the estimator's parameters; None before its first estimate.
+        lease: the newest lease that was published; None before the first one, and after a release.
+        lease_ns: vehicle time of the estimate that it was made from.
         trail_ned_m: where the vehicle has been, oldest first.
     """
 
@@ -100,6 +108,8 @@ class Context:
         self.q_ned_from_frd: Quat = UPRIGHT
         self.camera_info: CameraInfo | None = None
         self.parameters_version: int | None = None
+        self.lease: Lease | None = None
+        self.lease_ns = 0
         self.trail_ned_m: deque[Vec3] = deque(maxlen=TRAIL_MAX)
 
     def notice(self, message: object) -> None:
@@ -277,6 +287,21 @@ def relative_pose(m: Relative, context: Context) -> RosMessage | None:
     )
     fields = {"header": header(m.t_ns, context.frame("platform")), "pose": with_covariance}
     return RosMessage("geometry_msgs/msg/PoseWithCovarianceStamped", fields)
+
+
+def lease(m: Relative, context: Context) -> RosMessage | None:
+    """The lease in force: when it begins or changes, once a second while it lasts, and its release."""
+    held = context.lease
+    if held is not None and held.goal_id != m.goal_id:
+        context.lease = None
+        return to_exact(replace(held, release=True))
+    if not m.goal_id:
+        return None
+    seen = Lease(goal_id=m.goal_id, use_uwb=m.use_uwb, use_tag=m.use_tag)
+    if seen == held and 0 <= m.t_ns - context.lease_ns < LEASE_PERIOD_NS:
+        return None
+    context.lease, context.lease_ns = seen, m.t_ns
+    return to_exact(seen)
 
 
 def rover_odometry(m: RoverOdometry, context: Context) -> RosMessage:

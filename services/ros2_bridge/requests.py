@@ -3,8 +3,10 @@
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, NamedTuple
 
+from msgspec.structs import replace
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.clock import Clock
@@ -17,11 +19,13 @@ from jezero.client.errors import JezeroError
 from jezero.client.goal import Goal
 from jezero.client.vehicle import Vehicle
 from jezero.schemas.estimate import SetParameters
+from jezero.schemas.topics import SET_PARAMETERS
 from jezero.services.ros2_bridge.conversions import Context
+from jezero.services.ros2_bridge.exact import to_exact, type_name
 from jezero.services.ros2_bridge.fields import POINT, RosField, ros_fields
 from jezero.services.ros2_bridge.limits import POSE_PERIOD_S, RequestLimit
-from jezero.services.ros2_bridge.messages import message_class
-from jezero.services.ros2_bridge.rows import ABORT, HOVER, KILL, RETURN_HOME, RosService
+from jezero.services.ros2_bridge.messages import MissingTypesError, build, message_class, quality_of
+from jezero.services.ros2_bridge.rows import ABORT, HOVER, KILL, RETURN_HOME, RosService, exact_name
 
 Refuse = Callable[[str, str], None]
 """Publishes what was refused, and why."""
@@ -94,6 +98,8 @@ def _serve(node: Node, service: RosService, ask: Callable[[Any], str], limit: Re
 class EstimatorParameters:
     """The estimator's parameters as parameters of the node, which follow changes that others make.
 
+    Bags get them as whole messages, one for each change that is seen.
+
     Args:
         context: has the newest version of the parameters.
         limit: of the changes that reach the vehicle.
@@ -108,7 +114,13 @@ class EstimatorParameters:
         self._follower: int | None = None
         """Thread that sets the node's parameters to what the estimator has already."""
         self._fields = {PREFIX + field.name: field for field in ros_fields(SetParameters)}
+        self._publisher: Any = None
+        with suppress(MissingTypesError):  # without jezero_interfaces there are no whole messages
+            kind = message_class(type_name(SetParameters))
+            self._publisher = node.create_publisher(kind, exact_name(SET_PARAMETERS), quality_of("latched"))
+        self._published = SetParameters()
         values = uav.estimator_parameters()
+        self._publish(values)
         for name, field in self._fields.items():
             node.declare_parameter(name, _parameter_value(field, getattr(values, field.source)))
         node.add_on_set_parameters_callback(self._on_set)
@@ -124,12 +136,20 @@ class EstimatorParameters:
             values = self._uav.estimator_parameters()
         except JezeroError:
             return
+        self._publish(values)
         found = {name: _parameter_value(field, getattr(values, field.source)) for name, field in self._fields.items()}
         self._follower = threading.get_ident()
         self._node.set_parameters(
             [Parameter(name, value=value) for name, value in found.items() if value is not Parameter.Type.DOUBLE_ARRAY]
         )
         self._follower, self._version = None, version
+
+    def _publish(self, values: SetParameters) -> None:
+        """Publish all parameters, but for a prior position that is an old one: it would restart the filter."""
+        if self._publisher is not None:
+            is_old = values.pos_rover_ned_m == self._published.pos_rover_ned_m
+            self._publisher.publish(build(to_exact(replace(values, pos_rover_ned_m=None) if is_old else values)))
+            self._published = values
 
     def _on_set(self, parameters: list[Parameter]) -> SetParametersResult:
         """Set the estimator's parameters among those that are set, all or none."""

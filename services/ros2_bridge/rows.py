@@ -189,12 +189,21 @@ ROWS: tuple[RosTopic, ...] = (
     _exact(topics.ALTIMETER, "its range in 64 bits"),
     _exact(topics.ROVER_ODOMETRY, "in NED, with the tilt of the platform"),
     _exact(topics.ESTIMATE_TAG, "the vehicle's position by the tags of one image, in NED, with its covariance"),
+    RosTopic(
+        exact_name(topics.LEASE),
+        type_name(topics.LEASE.request_type),
+        topics.RELATIVE,
+        make.lease,
+        "state",
+        "inputs that a goal has selected: at each change and once a second; without the rover's prior position",
+    ),
 )
 """Every topic that the bridge publishes, beside `/clock` and `/tf_static`."""
-EXACT_ROWS = tuple(row for row in ROWS if row.name.startswith(EXACT))
-"""Whole messages of jezero: all that the estimator reads."""
+EXACT_ROWS = tuple(row for row in ROWS if row.name == exact_name(row.source))
+"""Whole messages of jezero: all topics that the estimator reads."""
 REQUESTS = (topics.SET_PARAMETERS, topics.LEASE)
-"""Requests to the estimator, which a bag of a recording has as messages: they decide which inputs are fused."""
+"""Requests to the estimator, which a bag has as messages: they decide which inputs are fused. A bag of a recording has
+them as they were; the bridge, to which nobody sends them, makes them from what the estimator publishes and replies."""
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,9 @@ from jezero.schemas.state import Odometry
 from jezero.services.ros2_bridge import conversions as make
 from jezero.services.ros2_bridge.bag import BagWriter, MessageBuilder, write_bag
 from jezero.services.ros2_bridge.conversions import Context
-from jezero.services.ros2_bridge.exact import from_exact
+from jezero.services.ros2_bridge.exact import from_exact, to_exact
 from jezero.services.ros2_bridge.geometry import RosMessage, header
+from jezero.services.ros2_bridge.rows import EXACT, ROWS, exact_name
 from jezero.trials.flight import fly_virtually
 from jezero.trials.missions import FLIGHT
 from jezero.trials.stack import build_stack
@@ -40,6 +41,8 @@ WALL_NS = 1_700_000_000_000_000_000
 OTHER_NAMES = {"/odom": "odometry", "/husky/odom": "rover/odometry", "/lidar": "sensor/altimeter"} | {
     f"/uwb/{i}": "sensor/uwb" for i in range(4)
 }
+LATE_MAX = 2
+"""Number of estimates after which the bridge's lease has its effect: it is made from the first one."""
 FEW = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
@@ -137,6 +140,30 @@ def test_the_requests_to_the_estimator_are_in_the_bag(bag: Path, tmp_path: Path)
     assert {each.parameters_version for each in found} == {0, 1}
     assert {each.goal_id for each in found} == {"", "a-goal"}
     assert all(each.use_tag is (each.goal_id != "a-goal") for each in found)
+
+
+def test_the_selection_that_the_bridge_has_seen_is_that_of_the_estimator_that_reads_the_bag(
+    flight: Path, tmp_path: Path
+) -> None:
+    context, rows = Context("uav1", VEHICLE), [row for row in ROWS if row.name.startswith(EXACT)]
+    with Writer(tmp_path / "bag", version=9) as writer:
+        recorded = BagWriter(writer, MessageBuilder(9), "uav1")
+        # A latched message comes first, and a bag of `ros2 bag record` has the times of the wall's clock.
+        parameters = to_exact(SetParameters(std_uwb_m=0.11))
+        recorded.write(exact_name(topics.SET_PARAMETERS), "latched", WALL_NS, parameters)
+        for entry in open_recording(flight).messages():
+            for row in rows:
+                if row.source.name == entry.topic and (made := row.convert(entry.message, context)) is not None:
+                    recorded.write(row.name, row.quality, WALL_NS + entry.logged_ns, made)
+    done = import_bag(tmp_path / "bag", tmp_path / "again.mcap", namespace="uav1")
+    assert not done.left_out and not done.has_settings
+    before, again = relative(flight), relative(tmp_path / "again.mcap")
+    assert {each.parameters_version for each in again.values()} == {1}
+    differ = [t_ns for t_ns in before if t_ns in again and again[t_ns].goal_id != before[t_ns].goal_id]
+    assert len(differ) <= 2 * LATE_MAX, "where the lease begins and where it ends"
+    leased = {t_ns for t_ns, each in again.items() if each.goal_id}
+    assert len(leased) > 100
+    assert all(each.use_tag is (t_ns not in leased) for t_ns, each in again.items())
 
 
 @pytest.mark.long

@@ -24,6 +24,8 @@ from tests.system.bridge_observation import Tap
 GCS_PORT = 17550
 """Ground station's port of instance 0; the ports of other instances follow."""
 PX4_GCS_PORT = 14550
+UP_TIMEOUT_S = 150.0
+"""A quiet machine needs 6 s, a busy one more than a minute."""
 HERE = Path(__file__).parent
 JEZERO = [sys.executable, "-m", "jezero.cli.main"]
 
@@ -106,7 +108,7 @@ class Stack:
 
     def up(self, *words: str) -> Self:
         """Start the stack, with extra words, and wait until the vehicle is ready."""
-        self.jezero("up", "-d", "--wait", "--timeout", "60", *words)
+        self.jezero("up", "-d", "--wait", "--timeout", f"{UP_TIMEOUT_S:g}", *words, timeout_s=2 * UP_TIMEOUT_S)
         self.processes_cached = self.processes()
         return self
 

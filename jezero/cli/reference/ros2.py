@@ -4,10 +4,12 @@ from typing import Any
 
 from jezero.cli.reference.words import fields_of, summary_of, table
 from jezero.schemas.estimate import SetParameters
+from jezero.schemas.topics import SET_PARAMETERS
 from jezero.services.ros2_bridge import geometry
+from jezero.services.ros2_bridge.exact import type_name
 from jezero.services.ros2_bridge.fields import AS_JSON, LEFT_OUT, ROS_ACTIONS, RULES, Rule, interface_name, ros_fields
 from jezero.services.ros2_bridge.inputs import INPUTS
-from jezero.services.ros2_bridge.rows import ROWS, SERVICES
+from jezero.services.ros2_bridge.rows import ROWS, SERVICES, exact_name
 
 OPENING = """# Topics, frames, actions and services in ROS 2
 
@@ -29,6 +31,13 @@ OWN = (
         "the goal in charge",
         "reliable, latched",
         "the goal's way in `map`; empty without a goal",
+    ),
+    (
+        exact_name(SET_PARAMETERS),
+        type_name(SetParameters),
+        "the estimator's parameters",
+        "reliable, latched",
+        "all of them, at the start and when they have changed; the rover's prior position only when it is another one",
     ),
     (
         "refusals",
@@ -98,6 +107,7 @@ With `--rover-cmd-vel TOPIC` the bridge publishes the drive commands of jezero's
 and after the last one three stops."""
 
 EXACT_TEXT = """Topics below `jezero/` carry whole messages of jezero, with its names, axes and units: nothing is lost.
+Those below `jezero/estimator/` are requests that would bring the estimator to the selection and parameters that it has.
 Their types are in the package `jezero_interfaces`; a bridge whose environment lacks it leaves them out."""
 BAGS_TEXT = """## Topics that are read from a bag
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from scipy.spatial.transform import Rotation
 
 from jezero.base.frames import quat_normalize
@@ -125,6 +126,32 @@ def test_a_fix_says_that_it_is_one() -> None:
     assert (ros.fields["latitude"], ros.fields["longitude"], ros.fields["altitude"]) == (47.0, 8.0, 488.0)
     assert at(ros, "status.status") == 0
     assert ros.fields["position_covariance"][0:9:4] == pytest.approx([0.25, 0.25, 0.81])
+
+
+def test_the_selection_of_a_goal_is_the_lease_that_gives_it() -> None:
+    seen = context()
+
+    def lease(at_s: float, goal_id: str, use_tag: bool = True) -> Any:
+        estimate = replace(
+            relative_of((0.0, 0.0, -3.0), 0.0), t_ns=T_NS + int(at_s * 1e9), goal_id=goal_id, use_tag=use_tag
+        )
+        ros = make.lease(estimate, seen)
+        fields = ("goal_id", "use_uwb", "use_tag", "release")
+        return None if ros is None else tuple(ros.fields[name] for name in fields)
+
+    assert lease(0.0, "") is None
+    assert lease(0.1, "a", use_tag=False) == ("a", True, False, False)
+    assert lease(0.9, "a", use_tag=False) is None
+    assert lease(1.0, "a") == ("a", True, True, False), "it has changed"
+    assert lease(1.9, "a") is None
+    assert lease(2.0, "a") == ("a", True, True, False), "it is renewed"
+    # The estimator gives a lease to the next goal only after the release.
+    assert lease(2.1, "b") == ("a", True, True, True)
+    assert lease(2.2, "b") == ("b", True, True, False)
+    assert lease(2.3, "") == ("b", True, True, True)
+    assert lease(2.4, "") is None
+    assert lease(-5.0, "c") == ("c", True, True, False), "vehicle time has begun anew"
+    assert lease(-9.0, "c") == ("c", True, True, False)
 
 
 def test_a_beam_that_meets_nothing_has_an_infinite_range() -> None:

@@ -1,8 +1,8 @@
 """A client of ROS that does what it reads: one JSON object a line, in a ROS environment; it prints events likewise.
 
 `{"do": "send", "type": "jezero_interfaces/action/GoTo", "name": "/uav1/go_to", "goal": {...}}`, `cancel` (the last
-goal), `call` (a service), `publish`, `stream` (publish for some seconds), `subscribe`, `parameters` (set them), `get`
-(one parameter).
+goal), `call` (a service), `publish`, `stream` (publish again and again, until `release`), `subscribe`, `parameters`
+(set them), `get` (one parameter).
 """
 
 import json
@@ -59,6 +59,7 @@ class Actor:
         self.node = Node("actor")
         self._clients: dict[str, Any] = {}
         self._handle: Any = None
+        self._released = threading.Event()
 
     def send(self, type: str, name: str, goal: dict[str, Any]) -> None:
         kind = class_of(type)
@@ -100,22 +101,22 @@ class Actor:
         publisher = self._clients.setdefault(name, self.node.create_publisher(kind, name, 1))
         publisher.publish(filled(kind(), message))
 
-    def stream(self, type: str, name: str, message: dict[str, Any], for_s: float) -> None:
-        """Publish a message twenty times a second; in a thread, and without the time that its publisher takes."""
+    def stream(self, type: str, name: str, message: dict[str, Any]) -> None:
+        """Publish a message twenty times a second, in a thread."""
         kind = class_of(type)
         publisher = self.node.create_publisher(kind, name, 1)
+        self._released.clear()
 
         def run() -> None:
-            deadline_s = time.monotonic() + SERVER_TIMEOUT_S
-            while not publisher.get_subscription_count() and time.monotonic() < deadline_s:
-                time.sleep(0.05)
-            end_s = time.monotonic() + for_s
-            while time.monotonic() < end_s:
+            while not self._released.wait(0.05):
                 publisher.publish(filled(kind(), message))
-                time.sleep(0.05)
             self.node.destroy_publisher(publisher)
+            show("released")
 
         threading.Thread(target=run, daemon=True).start()
+
+    def release(self) -> None:
+        self._released.set()
 
     def subscribe(self, type: str, name: str, latched: bool = False) -> None:
         durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE

@@ -49,7 +49,7 @@ HEADERS = """import sysconfig, numpy
 print(sysconfig.get_path("include"), numpy.get_include())
 """
 ROOT = Path(__file__).resolve().parents[3]
-INSTALL_TIMEOUT_S = 240.0
+INSTALL_TIMEOUT_S = 600.0
 BUILD_TIMEOUT_S = 600.0
 DOMAIN_ID_MAX = 100
 """Each process of pytest has a domain of ROS, so that tests that run at the same time don't hear each other."""
@@ -83,6 +83,11 @@ class Ros:
         return kept | own
 
 
+MADE: dict[str, Ros] = {}
+"""Environments that this process of pytest has made: a test that fails ends all fixtures, and its second run would wait
+minutes for the same."""
+
+
 @pytest.fixture(scope="session")
 def ros(tmp_path_factory: pytest.TempPathFactory) -> Ros:
     """ROS 2 Kilted; the tests are skipped where it can't be had."""
@@ -97,6 +102,8 @@ def ros_jazzy(tmp_path_factory: pytest.TempPathFactory) -> Ros:
 
 def environment_of(distribution: str, tmp_path_factory: pytest.TempPathFactory) -> Ros:
     """Make a venv with a distribution of ROS, which also finds jezero."""
+    if distribution in MADE:
+        return MADE[distribution]
     folder = tmp_path_factory.mktemp("ros") / "venv"
     subprocess.run([sys.executable, "-m", "venv", folder], check=True, timeout=INSTALL_TIMEOUT_S)
     python = str(folder / "bin" / "python")
@@ -110,7 +117,8 @@ def environment_of(distribution: str, tmp_path_factory: pytest.TempPathFactory) 
     # Behind its own packages, so that ROS gets the versions that it came with.
     here = (str(ROOT), sysconfig.get_path("purelib"))
     (Path(packages.stdout.strip()) / "jezero-of-the-tests.pth").write_text("\n".join(here) + "\n")
-    return Ros(python)
+    MADE[distribution] = Ros(python)
+    return MADE[distribution]
 
 
 def install(python: str, what: str, packages: tuple[str, ...]) -> None:
@@ -127,6 +135,8 @@ def install(python: str, what: str, packages: tuple[str, ...]) -> None:
 @pytest.fixture(scope="session")
 def ros_with_interfaces(ros: Ros, tmp_path_factory: pytest.TempPathFactory) -> Ros:
     """The same ROS 2 environment with jezero_interfaces and TFMessage, which are built here."""
+    if "interfaces" in MADE:
+        return MADE["interfaces"]
     if missing := [tool for tool in BUILD_TOOLS if shutil.which(tool) is None]:
         pytest.skip(f"interfaces of ROS can't be built without {', '.join(missing)}")
     install(ros.python, "the build tools of ROS", BUILD_PACKAGES)
@@ -141,7 +151,8 @@ def ros_with_interfaces(ros: Ros, tmp_path_factory: pytest.TempPathFactory) -> R
     ours = ROOT / "deploy" / "ros2"
     for package in (ours / "jezero_interfaces", ours / "jezero_bringup", Path(__file__).with_name("tf2_msgs")):
         build(venv, package, folder / package.name, folder / "install")
-    return replace(ros, interfaces=folder / "install")
+    MADE["interfaces"] = replace(ros, interfaces=folder / "install")
+    return MADE["interfaces"]
 
 
 def build(venv: Path, package: Path, folder: Path, installed: Path) -> None:

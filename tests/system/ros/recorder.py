@@ -1,17 +1,20 @@
-"""Prints what arrives on topics of ROS as it is: `recorder.py SECONDS TYPE=TOPIC...`, in a ROS environment.
+"""Prints what arrives on topics of ROS as it is: `recorder.py TYPE=TOPIC[=latched]...`, until its input is closed.
 
-A line is a JSON object with topic, the time of arrival by the clock of the wall, and the message in CDR, base64.
+Runs in a ROS environment. A line is a JSON object with topic, the time of arrival by the clock of the wall, and the
+message in CDR, base64.
 """
 
 import base64
 import json
 import sys
+import threading
 import time
 from functools import partial
 from importlib import import_module
 
 import rclpy
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
 
 def show(topic: str, data: bytes) -> None:
@@ -19,16 +22,23 @@ def show(topic: str, data: bytes) -> None:
 
 
 def main() -> None:
-    seconds, *wanted = sys.argv[1:]
     rclpy.init()
     node = Node("recorder")
-    for each in wanted:
-        kind, topic = each.split("=")
+    for each in sys.argv[1:]:
+        kind, topic, *latched = each.split("=")
         package, _, name = kind.split("/")
         message_class = getattr(import_module(f"{package}.msg"), name)
-        node.create_subscription(message_class, topic, partial(show, topic), 100, raw=True)
-    end_s = time.monotonic() + float(seconds)
-    while time.monotonic() < end_s:
+        durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+        quality = QoSProfile(depth=100, durability=durability)
+        node.create_subscription(message_class, topic, partial(show, topic), quality, raw=True)
+    closed = threading.Event()
+
+    def wait_for_end() -> None:
+        sys.stdin.read()
+        closed.set()
+
+    threading.Thread(target=wait_for_end, daemon=True).start()
+    while not closed.is_set():
         rclpy.spin_once(node, timeout_sec=0.1)
 
 

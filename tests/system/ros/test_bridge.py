@@ -26,13 +26,14 @@ from jezero.schemas.state import Odometry, StatusCode
 from jezero.schemas.topics import CAMERA_INFO, ODOMETRY, key
 from jezero.services.ros2_bridge.conversions import Context
 from jezero.services.ros2_bridge.geometry import RosMessage
-from jezero.services.ros2_bridge.rows import EXACT_ROWS, ROWS, TF, RosTopic, ros_name
+from jezero.services.ros2_bridge.rows import EXACT, ROWS, TF, RosTopic, ros_name
 from tests.system.conftest import Stack
 from tests.system.ros.conftest import Ros
 
-pytestmark = [pytest.mark.long, pytest.mark.xdist_group("ros"), pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.long, pytest.mark.xdist_group("ros"), pytest.mark.timeout(1200)]
 LISTENER = Path(__file__).with_name("listener.py")
 START_TIMEOUT_S = 120.0
+EXPORT_TIMEOUT_S = 400.0
 LISTEN_S = 12.0
 COMPARED_MIN = 3
 NOT_COMPARED = {"relative_pose", "path", "markers/uncertainty", "markers/fence", "/diagnostics", "rover/cmd_vel"}
@@ -153,7 +154,7 @@ def check_every_topic(stack: Stack, ros: Ros) -> None:
         published = Published(session, vehicle)
         uav.wait_ready(START_TIMEOUT_S)
         uav.takeoff(altitude_m=3.0).result(START_TIMEOUT_S)
-        rows = [row for row in ROWS if row.type != TF and row not in EXACT_ROWS]
+        rows = [row for row in ROWS if row.type != TF and not row.name.startswith(EXACT)]
         topics = {full_name(row, vehicle): row.type for row in rows}
         listener = listen(stack, ros, "BEST_EFFORT", {**topics, "/clock": "rosgraph_msgs/msg/Clock"})
         with uav.rover.driving(0.2):
@@ -212,7 +213,7 @@ def check_bag(stack: Stack, seen: Mapping[str, list[dict[str, Any]]]) -> None:
     bag = stack.run_dir / f"bag-{len(list(stack.run_dir.glob('bag-*')))}"
     vehicle = stack.instance.vehicle
     words = ("recording", "export", str(stack.run_dir), "--rosbag2", str(bag), "--no-images", "--vehicle", vehicle)
-    stack.jezero(*words)
+    stack.jezero(*words, timeout_s=EXPORT_TIMEOUT_S)
     live = {
         (topic, stamp_of(message)): message
         for topic, messages in seen.items()

@@ -25,6 +25,8 @@ from tests.system.ros.test_bridge import running_bridge
 pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("ros"), pytest.mark.timeout(1200)]
 ACTOR = Path(__file__).with_name("actor.py")
 TIMEOUT_S = 180.0
+SILENCE_S = 1.0
+"""After this time without a message on `cmd_vel` a stream is over."""
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 """Status of a goal, of action_msgs/GoalStatus."""
 
@@ -253,39 +255,49 @@ def stick(request: pytest.FixtureRequest, shared_stack: Stack, ros_with_interfac
 def test_cmd_vel_flies_the_vehicle_along_the_axes_of_rep_103(
     stick: tuple[Actor, str], actor: Actor, uav: Vehicle, flying: None
 ) -> None:
-    def stream(for_s: float, forward_mps: float = 0.0, left_mps: float = 0.0, turn_rps: float = 0.0) -> None:
-        pilot, kind = stick
+    pilot, kind = stick
+
+    def stream(forward_mps: float = 0.0, left_mps: float = 0.0, turn_rps: float = 0.0) -> None:
         twist = {"linear": {"x": forward_mps, "y": left_mps}, "angular": {"z": turn_rps}}
         message = twist if kind == "Twist" else {"header": {"frame_id": "base_link"}, "twist": twist}
-        pilot.do("stream", type=f"geometry_msgs/msg/{kind}", name=actor.name("cmd_vel"), message=message, for_s=for_s)
+        pilot.do("stream", type=f"geometry_msgs/msg/{kind}", name=actor.name("cmd_vel"), message=message)
+
+    def release() -> None:
+        pilot.do("release")
+        pilot.wait("released")
+        wait_for(lambda: uav.status().code == StatusCode.HOVER, "the goal goes on without commands")
+
+    def is_north_west() -> bool:
+        north_m, east_m, _ = uav.odometry().pos_uav_ned_m
+        return north_m > 1.0 and east_m < -1.0
 
     uav.go_to(0.0, 0.0, -3.0, yaw_rad=0.0).result(TIMEOUT_S)
-    stream(6.0, forward_mps=0.7, left_mps=0.7)
+    stream(forward_mps=0.7, left_mps=0.7)
     wait_for(lambda: uav.status().action == "fly_velocity", "no cmd_vel arrived")
-    wait_for(lambda: uav.status().code == StatusCode.HOVER, "the goal goes on without commands")
-    north_m, east_m, _ = uav.odometry().pos_uav_ned_m
-    assert north_m > 1.0 and east_m < -1.0, "forward is north, and left is west"
-    stream(5.0, turn_rps=0.5)
+    wait_for(is_north_west, "forward is north, and left is west")
+    release()
+    stream(turn_rps=0.5)
     wait_for(lambda: uav.status().action == "fly_velocity", "no turn arrived")
-    wait_for(lambda: uav.status().code == StatusCode.HOVER, "the goal goes on without commands")
-    assert yaw_from_quat(uav.odometry().q_ned_from_frd) < -0.5, "anticlockwise"
+    wait_for(lambda: -2.5 < yaw_from_quat(uav.odometry().q_ned_from_frd) < -0.5, "it does not turn anticlockwise")
+    release()
 
     # It takes no goal's control away, and a hover ends it although the stick is still held.
-    goal = uav.go_to(0.0, 0.0, -3.0, speed_mps=0.3)
+    goal = uav.go_to(20.0, 0.0, -3.0, speed_mps=0.3)
     actor.clear()
-    stream(2.0, forward_mps=1.0)
+    stream(forward_mps=1.0)
     assert "is in charge" in actor.wait(actor.name("refusals"))["message"]["data"]
     assert uav.status().goal_id == goal.goal_id
     uav.hover()
-    wait_for(lambda: uav.status().code == StatusCode.HOVER, "it does not hover")
-    time.sleep(3.0)  # the stream is over
+    release()
+    time.sleep(2.0 * SILENCE_S)  # the next stream is another one
     actor.clear()
-    stream(8.0, forward_mps=0.3)
+    stream(forward_mps=0.3)
     wait_for(lambda: uav.status().action == "fly_velocity", "no cmd_vel arrived")
     uav.hover()
     assert "hover was requested" in actor.wait(actor.name("refusals"))["message"]["data"]
     time.sleep(2.0)
     assert uav.status().code == StatusCode.HOVER, "the stick that is still held has no effect"
+    release()
 
 
 def test_the_estimators_parameters_are_parameters_of_the_node(actor: Actor, uav: Vehicle) -> None:

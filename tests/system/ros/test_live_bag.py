@@ -4,6 +4,7 @@ import base64
 import json
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 import zenoh
@@ -14,17 +15,19 @@ from jezero.base.zenoh_client import client_config, data_of
 from jezero.recording import open_recording
 from jezero.replay.rosbag import import_bag
 from jezero.replay.through import replay_through
-from jezero.schemas.estimate import Relative
-from jezero.schemas.topics import RELATIVE, key
+from jezero.schemas.estimate import Relative, SetParameters
+from jezero.schemas.topics import RELATIVE, SET_PARAMETERS, key
 from jezero.services.ros2_bridge.bag import typestore_of
-from jezero.services.ros2_bridge.rows import EXACT_ROWS
-from tests.system.conftest import Stack
+from jezero.services.ros2_bridge.exact import type_name
+from jezero.services.ros2_bridge.rows import EXACT, ROWS, exact_name
+from tests.system.conftest import Stack, wait_for
 from tests.system.ros.conftest import Ros
 from tests.system.ros.test_bridge import START_TIMEOUT_S, full_name, running_bridge
 
 pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("ros"), pytest.mark.timeout(1200)]
 RECORDER = Path(__file__).with_name("recorder.py")
-RECORD_S = 25.0
+LANDING_TIMEOUT_S = 240.0
+STD_UWB_M = 0.04
 SETTLES_NS = 8_000_000_000
 """The estimator that reads the bag begins in the middle of the flight."""
 
@@ -47,30 +50,40 @@ def test_a_bag_that_ros_has_recorded_gives_the_estimates_of_the_flight(
         session.declare_subscriber(key(vehicle, RELATIVE.name), on_estimate)
         uav.wait_ready(START_TIMEOUT_S)
         uav.takeoff(altitude_m=4.0).result(START_TIMEOUT_S)
-        words = [f"{row.type}={full_name(row, vehicle)}" for row in EXACT_ROWS]
-        recorder = subprocess.Popen(
-            [ros.python, str(RECORDER), str(RECORD_S), *words],
-            env=ros.environment(stack.environment),
-            stdout=subprocess.PIPE,
-            text=True,
-        )
+        parameters = f"/{vehicle}/{exact_name(SET_PARAMETERS)}"
+        kinds = {full_name(row, vehicle): row.type for row in ROWS if row.name.startswith(EXACT)}
+        words = [f"{kind}={topic}" for topic, kind in kinds.items()]
+        kinds[parameters] = type_name(SetParameters)
+        lines = tmp_path / "lines"
+        with lines.open("w") as file:  # a pipe that nobody reads would stop the recorder
+            recorder = subprocess.Popen(
+                [ros.python, str(RECORDER), *words, f"{kinds[parameters]}={parameters}=latched"],
+                env=ros.environment(stack.environment),
+                stdin=subprocess.PIPE,
+                stdout=file,
+            )
+        wait_for(lambda: lines.stat().st_size, START_TIMEOUT_S, "the recorder receives messages")
         uav.go_to(3.0, 2.0, -4.0).result(START_TIMEOUT_S)
         uav.go_to(-1.0, -1.0, -4.0).result(START_TIMEOUT_S)
-        lines, _ = recorder.communicate(timeout=RECORD_S + START_TIMEOUT_S)
-        uav.land_on_spot((-1.0, -1.0, 0.0), use_uwb=False, use_tag=False).result(START_TIMEOUT_S)
+        std_before_m = uav.estimator_parameters().std_uwb_m
+        uav.set_estimator_parameters(std_uwb_m=STD_UWB_M)
+        landing = uav.land_on_spot(use_tag=False)
+        landing.result(LANDING_TIMEOUT_S)
+        recorder.communicate(timeout=START_TIMEOUT_S)
 
-    store, kinds = typestore_of(9), {full_name(row, vehicle): row.type for row in EXACT_ROWS}
+    store, entries = typestore_of(9), [json.loads(line) for line in lines.read_text().splitlines()]
     with Writer(tmp_path / "bag", version=9) as writer:
         connections = {}
-        for line in lines.splitlines():
-            entry = json.loads(line)
+        for entry in entries:
             topic = entry["topic"]
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, kinds[topic], typestore=store)
             writer.write(connections[topic], entry["t_ns"], base64.b64decode(entry["data"]))
     done = import_bag(tmp_path / "bag", tmp_path / "live.mcap", namespace=vehicle)
     assert not done.left_out and not done.has_settings
-    assert done.counts["odometry"] > 10 * RECORD_S
+    sent = [base64.b64decode(each["data"]) for each in entries if each["topic"] == parameters]
+    read: list[Any] = [store.deserialize_cdr(each, kinds[parameters]) for each in sent]
+    assert [list(each.std_uwb_m) for each in (read[0], read[-1])] == [[std_before_m], [STD_UWB_M]]
 
     again = {e.message.t_ns: e.message for e in open_recording(tmp_path / "live.mcap").messages(RELATIVE)}
     begin_ns = min(again)
@@ -81,5 +94,9 @@ def test_a_bag_that_ros_has_recorded_gives_the_estimates_of_the_flight(
             continue
         assert estimate.pos_uav_rel_rover_ned_m == pytest.approx(before.pos_uav_rel_rover_ned_m, abs=0.3)
         compared += 1
+    landed = [estimate for estimate in again.values() if estimate.goal_id]
+    assert {estimate.goal_id for estimate in landed} == {landing.goal_id}
+    assert not any(estimate.use_tag for estimate in landed) and len(landed) > 100
+    assert max(estimate.parameters_version for estimate in again.values()) == len(read)
     assert compared > 100, f"{compared} of {len(again)} estimates compared"
     assert replay_through(tmp_path / "live.mcap", "estimator").identical

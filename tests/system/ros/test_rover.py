@@ -1,9 +1,10 @@
 """A rover that drives in ROS is the rover of jezero: the vehicle of the twin lands on it while it drives."""
 
+import re
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from math import cos, degrees, pi, radians, sin
 from pathlib import Path
 from typing import Any
@@ -11,22 +12,27 @@ from typing import Any
 import pytest
 import serial
 
-from jezero import Vehicle
+from jezero import Aborted, Refused, Vehicle
 from jezero.base.frames import wrap_pi
 from jezero.deploy.twin.modules import DRIVE_DEVICE, RECEIVER_DEVICE
 from jezero.deploy.twin.twin import SETTINGS
+from jezero.schemas.goals import LandResult
 from jezero.schemas.sensors import RoverOdometry
 from jezero.schemas.topics import ROVER_ODOMETRY
+from jezero.schemas.units import NS_PER_S
 from jezero.services.rover_driver.service import line_of
 from tests.keys.rig import free_port
-from tests.system.conftest import Stack, wait_for
+from tests.system.conftest import Stack, in_the_air, wait_for
 from tests.system.ros.conftest import Ros
 from tests.system.ros.test_bridge import running_bridge
 from tests.system.ros.test_commands import Actor, an_actor
 from tests.system.test_twin import FLIGHT_TIMEOUT_S, START_TIMEOUT_S, running_twin
 
-pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("ros"), pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("ros"), pytest.mark.timeout(1200)]
 KNOT_MPS = 1852.0 / 3600.0
+LANDED_TIMEOUT_S = 400.0
+WITHOUT = ("no odometry for", "no measurement of the rover", "the rate of odometry", "telemetry has been missing")
+OLD = re.compile(r"it is 1\d\.\d s old")
 ODOMETRY, CMD_VEL = "/rover/odom", "/rover/cmd_vel"
 
 
@@ -125,19 +131,40 @@ def test_a_rover_of_ros_is_driven_by_jezero_and_landed_on(unstarted: Stack, ros:
                 found = (odometry.yaw_rover_rad, odometry.speed_rover_body_mps, odometry.yaw_rate_rover_rps)
                 assert any(found == pytest.approx(sent, abs=1e-6) for sent in rover.sent), f"{found} was never sent"
 
-            rover.publish(1.0, 0.0, time.time_ns() - 10**9)
-            assert "1.0 s old" in other.wait(other.name("refusals"))["message"]["data"]
-
-            uav.wait_ready(START_TIMEOUT_S)
-            fly(uav)
-            with uav.rover.driving(0.3):
-                landed = uav.land_on_spot(use_tag=False).result(FLIGHT_TIMEOUT_S)
+            wait_for(lambda: is_refused_as_old(rover, other), START_TIMEOUT_S, "an old odometry is refused")
+            landed = landed_on_the_driving_rover(uav)
             assert landed.completed
             assert (0.3, 0.0) in rover.twists
-            assert rover.twists[-1] == (0.0, 0.0), "the rover stands at the end"
+            wait_for(lambda: rover.twists[-1] == (0.0, 0.0), START_TIMEOUT_S, "the rover stands at the end")
             assert max(odometry.speed_rover_body_mps for odometry in received) == pytest.approx(0.3, abs=0.1)
             print(f"landed at {landed.touchdown_ned_m}, heading {degrees(received[-1].yaw_rover_rad):.0f} degrees")
 
 
-def fly(uav: Vehicle) -> None:
-    uav.takeoff(altitude_m=3.0).result(FLIGHT_TIMEOUT_S)
+def is_refused_as_old(rover: RosRover, other: Actor) -> bool:
+    """Publish an old odometry; whether that was refused soon: of refusals in two seconds ROS gets the first one."""
+
+    def is_old(event: dict[str, Any]) -> bool:
+        return OLD.search(event["message"]["data"]) is not None
+
+    rover.publish(1.0, 0.0, time.time_ns() - 10 * NS_PER_S)
+    with suppress(AssertionError):
+        other.wait(other.name("refusals"), is_old, 1.0)
+        return True
+    return False
+
+
+def landed_on_the_driving_rover(uav: Vehicle) -> LandResult:
+    """Take off and land while the rover drives; again when the vehicle has gone without measurements.
+
+    Real processes do so on a busy machine, and the vehicle is right to abort its goal then.
+    """
+    deadline_s = time.monotonic() + LANDED_TIMEOUT_S
+    while True:
+        try:
+            in_the_air(uav, FLIGHT_TIMEOUT_S)
+            with uav.rover.driving(0.3):
+                return uav.land_on_spot(use_tag=False).result(FLIGHT_TIMEOUT_S)
+        except (Aborted, Refused) as error:
+            print(error)
+            if not any(text in str(error) for text in WITHOUT) or time.monotonic() > deadline_s:
+                raise
