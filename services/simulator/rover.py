@@ -77,17 +77,14 @@ class RoverModel:
         self._q_level_from_platform = quat_from_rotation_vector(
             (tilt_rad * sin(towards_rad), -tilt_rad * cos(towards_rad), 0.0)
         )
-        north_m, east_m, yaw_rad = config.start_north_m, config.start_east_m, config.start_yaw_rad
+        self.state = self.place(config.start_north_m, config.start_east_m, config.start_yaw_rad)
+
+    def place(self, north_m: float, east_m: float, yaw_rad: float) -> RoverState:
+        """Put the rover somewhere, at rest."""
         at_rest = (0.0, 0.0, 0.0)
-        self.state = RoverState(
-            self._pos_ned_m(north_m, east_m),
-            at_rest,
-            self._attitude(north_m, east_m, yaw_rad),
-            at_rest,
-            yaw_rad,
-            0.0,
-            0.0,
-        )
+        attitude = self._attitude(north_m, east_m, yaw_rad)
+        self.state = RoverState(self._pos_ned_m(north_m, east_m), at_rest, attitude, at_rest, yaw_rad, 0.0, 0.0)
+        return self.state
 
     def drive(self, speed_mps: float, yaw_rate_rps: float, dt_s: float) -> RoverState:
         """Advance by one step along an arc; velocities in the result are means over this step."""
