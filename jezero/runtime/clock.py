@@ -62,7 +62,8 @@ class VehicleClock:
             ahead_ns = max(ahead_ns, self._master_ahead_ns - drift_ns)
         self._master_ahead_ns = ahead_ns
         self._updated_ns = wall_ns
-        if self._samples and wall_master_ns <= self._samples[-1][0]:
+        ahead_of_newest_ns = wall_master_ns - self._samples[-1][0] if self._samples else 1
+        if ahead_of_newest_ns < 0 or (ahead_of_newest_ns == 0 and pace == self.pace):
             return  # a newer message has overtaken this one
         self._newest = (wall_master_ns, t_ns)
         if pace != self.pace:  # rates at another pace say nothing about this one
