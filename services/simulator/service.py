@@ -118,6 +118,8 @@ class Simulator:
         self._faults = InjectedFaults(
             seed, {"motor": len(vehicle.airframe.pos_rotors_frd_m), "uwb": len(vehicle.uwb.pos_anchors_rover_body_m)}
         )
+        self._t_ns = 0
+        """Vehicle time of the last step in which the world moved."""
         self._paused = False
         self._speed = config.pace
         self._speed_reached: float | None = None
@@ -153,8 +155,9 @@ class Simulator:
         """Advance the world by 4 ms to `t_ns`, with or without a new motor command."""
         self._follow_link(t_ns, inbox)
         if self._paused:
-            yield from self._stand_still(t_ns, inbox)
+            yield from self._stand_still(self._t_ns, inbox)
             return
+        self._t_ns = t_ns
         yield from self._clock(t_ns, inbox.wall_ns)
         if self._faults.any:
             self._faults.end_over(t_ns)

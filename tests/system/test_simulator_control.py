@@ -37,7 +37,7 @@ def test_a_flight_that_is_paused_goes_on_and_lands_on_the_rover(stack: Stack) ->
         assert after["t_ns"] == before["t_ns"]
         assert distance(after["pos_uav_ned_m"], before["pos_uav_ned_m"]) < 1e-6
         stepped = sim(stack, "step", "0.5")
-        assert abs(stepped["t_ns"] - after["t_ns"] - 500_000_000) <= 4_000_000
+        assert stepped["t_ns"] - after["t_ns"] == 500_000_000
         assert distance(stepped["pos_uav_ned_m"], after["pos_uav_ned_m"]) > 0.1
         rows = json.loads(stack.jezero("ps", "--json").stdout)
         assert not [row["service"] for row in rows if row.get("restarts") or row.get("health") == "failed"]
@@ -62,4 +62,4 @@ def test_a_stack_without_a_simulator_says_so_in_one_sentence(unstarted: Stack) -
         return done.stderr
 
     wait_for(lambda: "has no simulator: its stack runs without one" in said(), 60.0, "the bridge is there")
-    assert len(said().strip().splitlines()) == 1
+    assert said().strip().splitlines()[-1].startswith("unreachable: ")
