@@ -38,14 +38,14 @@ PLACE_MAX_M = 500.0
 Metres = Annotated[float, Meta(ge=-PLACE_MAX_M, le=PLACE_MAX_M)]
 
 
-class Reset(Payload, frozen=True, kw_only=True, tag_field="change", tag="reset"):
+class ResetWorld(Payload, frozen=True, kw_only=True, tag_field="change", tag="reset"):
     """Vehicle and rover go back to their start in a new epoch, faults end, and the wind is that of the settings.
 
     The autopilot's link is closed, so that the autopilot starts anew when it connects again.
     """
 
 
-class Place(Payload, frozen=True, kw_only=True, tag_field="change", tag="place"):
+class PlaceBody(Payload, frozen=True, kw_only=True, tag_field="change", tag="place"):
     """Put the vehicle or the rover somewhere, at rest.
 
     A vehicle whose motors stand still is put on the ground, one that flies into the air.
@@ -65,7 +65,7 @@ class Place(Payload, frozen=True, kw_only=True, tag_field="change", tag="place")
     yaw_rad: Angle | None = None
 
 
-class Wind(Payload, frozen=True, kw_only=True, tag_field="change", tag="wind"):
+class SetWind(Payload, frozen=True, kw_only=True, tag_field="change", tag="wind"):
     """Change the wind.
 
     Attributes:
@@ -95,15 +95,15 @@ class SetFault(Payload, frozen=True, kw_only=True, tag_field="change", tag="faul
     duration_s: Annotated[float, Meta(gt=0.0, le=86400.0)] | None = None
 
 
-class Pause(Payload, frozen=True, kw_only=True, tag_field="change", tag="pause"):
+class PauseWorld(Payload, frozen=True, kw_only=True, tag_field="change", tag="pause"):
     """Stop vehicle time."""
 
 
-class Resume(Payload, frozen=True, kw_only=True, tag_field="change", tag="resume"):
+class ResumeWorld(Payload, frozen=True, kw_only=True, tag_field="change", tag="resume"):
     """Let vehicle time go on."""
 
 
-class Step(Payload, frozen=True, kw_only=True, tag_field="change", tag="step"):
+class StepWorld(Payload, frozen=True, kw_only=True, tag_field="change", tag="step"):
     """Let a paused vehicle time go on for a duration; the reply comes when it is over.
 
     Attributes:
@@ -123,7 +123,7 @@ class SetSpeed(Payload, frozen=True, kw_only=True, tag_field="change", tag="spee
     speed: Annotated[float, Meta(ge=SPEED_MIN, le=SPEED_MAX)]
 
 
-Change = Reset | Place | Wind | SetFault | Pause | Resume | Step | SetSpeed
+Change = ResetWorld | PlaceBody | SetWind | SetFault | PauseWorld | ResumeWorld | StepWorld | SetSpeed
 
 
 class ControlSimulator(Payload, frozen=True, kw_only=True):

@@ -73,22 +73,22 @@ class Missions:
     progress = in_thread(mission.Missions.progress)
 
 
-class Simulator:
-    """The simulated world of one vehicle, `Vehicle.simulator`; see `jezero.client.simulator.Simulator`."""
+class SimulatedWorld:
+    """The simulated world of one vehicle, `Vehicle.simulator`; see `jezero.client.simulator.SimulatedWorld`."""
 
-    def __init__(self, threads: Threads, blocking: simulator.Simulator) -> None:
+    def __init__(self, threads: Threads, blocking: simulator.SimulatedWorld) -> None:
         self._threads = threads
         self._blocking = blocking
 
-    state = in_thread(simulator.Simulator.state)
-    reset = in_thread(simulator.Simulator.reset)
-    place = in_thread(simulator.Simulator.place)
-    wind = in_thread(simulator.Simulator.wind)
-    fault = in_thread(simulator.Simulator.fault)
-    pause = in_thread(simulator.Simulator.pause)
-    resume = in_thread(simulator.Simulator.resume)
-    step = in_thread(simulator.Simulator.step)
-    speed = in_thread(simulator.Simulator.speed)
+    state = in_thread(simulator.SimulatedWorld.state)
+    reset = in_thread(simulator.SimulatedWorld.reset)
+    place = in_thread(simulator.SimulatedWorld.place)
+    wind = in_thread(simulator.SimulatedWorld.wind)
+    fault = in_thread(simulator.SimulatedWorld.fault)
+    pause = in_thread(simulator.SimulatedWorld.pause)
+    resume = in_thread(simulator.SimulatedWorld.resume)
+    step = in_thread(simulator.SimulatedWorld.step)
+    speed = in_thread(simulator.SimulatedWorld.speed)
 
 
 class Actions:
@@ -125,7 +125,7 @@ class Vehicle:
         self.rover = Rover(threads, blocking.rover)
         self.camera = Camera(threads, blocking.camera)
         self.mission = Missions(threads, blocking.mission)
-        self.simulator = Simulator(threads, blocking.simulator)
+        self.simulator = SimulatedWorld(threads, blocking.simulator)
         self._threads = threads
         self._blocking = blocking
 

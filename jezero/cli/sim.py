@@ -11,7 +11,7 @@ from jezero.cli.options import FINITE, NUMBERS, FiniteRange, common_options
 from jezero.cli.terminal import Printer, connected
 
 if TYPE_CHECKING:
-    from jezero.client.simulator import Simulator
+    from jezero.client.simulator import SimulatedWorld
     from jezero.schemas.simulator import ActiveFault, SimulatorState
 
 
@@ -52,7 +52,7 @@ def sim() -> None:
 
 
 def _change(
-    vehicle: str, router: str, as_json: bool, kind: str, change: Callable[["Simulator"], "SimulatorState"],
+    vehicle: str, router: str, as_json: bool, kind: str, change: Callable[["SimulatedWorld"], "SimulatorState"],
     words: Callable[["SimulatorState"], str],
 ) -> None:  # fmt: skip
     """Make one change, and print what it has become."""

@@ -12,21 +12,21 @@ from jezero.schemas.simulator import (
     ControlSimulator,
     FaultKind,
     FaultUnit,
-    Pause,
-    Place,
-    Reset,
-    Resume,
+    PauseWorld,
+    PlaceBody,
+    ResetWorld,
+    ResumeWorld,
     SetFault,
     SetSpeed,
+    SetWind,
     SimulatorReply,
     SimulatorState,
-    Step,
-    Wind,
+    StepWorld,
 )
 from jezero.schemas.topics import CONTROL_SIMULATOR
 
 
-class Simulator:
+class SimulatedWorld:
     """The simulated world of one vehicle, the attribute `Vehicle.simulator`.
 
     Each method returns the state of the world after the change. It raises `Refused` with the reason, `Unreachable` for
@@ -44,7 +44,7 @@ class Simulator:
 
     def reset(self) -> SimulatorState:
         """Put vehicle and rover back to their start, in a new epoch: goals end, faults too."""
-        return self._request(Reset())
+        return self._request(ResetWorld())
 
     def place(
         self,
@@ -65,7 +65,7 @@ class Simulator:
             what: "vehicle" or "rover".
         """
         yaw_rad = None if yaw_deg is None else radians(yaw_deg)
-        return self._request(Place(what=what, north_m=north_m, east_m=east_m, height_m=height_m, yaw_rad=yaw_rad))
+        return self._request(PlaceBody(what=what, north_m=north_m, east_m=east_m, height_m=height_m, yaw_rad=yaw_rad))
 
     def wind(self, mean_mps: float, from_deg: float, *, std_gust_mps: float | None = None) -> SimulatorState:
         """Change the wind.
@@ -74,7 +74,7 @@ class Simulator:
             from_deg: direction from which it blows, clockwise from north.
             std_gust_mps: standard deviation of the gusts; None keeps the present one.
         """
-        return self._request(Wind(mean_mps=mean_mps, from_deg=from_deg, std_gust_mps=std_gust_mps))
+        return self._request(SetWind(mean_mps=mean_mps, from_deg=from_deg, std_gust_mps=std_gust_mps))
 
     def fault(
         self, unit: FaultUnit, kind: FaultKind | Literal["ok"], *, instance: int = 0, for_s: float | None = None
@@ -91,15 +91,15 @@ class Simulator:
 
     def pause(self) -> SimulatorState:
         """Stop vehicle time: everything waits."""
-        return self._request(Pause())
+        return self._request(PauseWorld())
 
     def resume(self) -> SimulatorState:
         """Let vehicle time go on."""
-        return self._request(Resume())
+        return self._request(ResumeWorld())
 
     def step(self, duration_s: float = 1.0) -> SimulatorState:
         """Let a paused vehicle time go on for a duration; returns when it is over."""
-        return self._request(Step(duration_s=duration_s), REPLY_TIMEOUT_S + 2.0 * duration_s / SPEED_MIN)
+        return self._request(StepWorld(duration_s=duration_s), REPLY_TIMEOUT_S + 2.0 * duration_s / SPEED_MIN)
 
     def speed(self, factor: float) -> SimulatorState:
         """Change the speed of vehicle time: 1 is real time. The field `speed_reached` is what this computer does."""

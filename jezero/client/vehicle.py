@@ -17,7 +17,7 @@ from jezero.client.images import ImagesGoal
 from jezero.client.mission import Missions
 from jezero.client.rover import Rover
 from jezero.client.session import Connection
-from jezero.client.simulator import Simulator
+from jezero.client.simulator import SimulatedWorld
 from jezero.client.status import REPLY_TIMEOUT_S, check_preflight, request_status, wait_ready, watch_status
 from jezero.client.subscription import LatestValues, Subscription, call_for_each, topic_named
 from jezero.client.velocity import VelocityGoal
@@ -93,7 +93,7 @@ class Vehicle:
         self.rover = Rover(connection)
         self.camera = Camera(connection)
         self.mission = Missions(connection)
-        self.simulator = Simulator(connection)
+        self.simulator = SimulatedWorld(connection)
         self._connection = connection
         self._goals = GoalSender(connection)
         self._latest = LatestValues(connection)

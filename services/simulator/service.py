@@ -341,11 +341,11 @@ class Simulator:
             yield self._reply(request.request_id, t_ns, reason)
             return
         match change:
-            case control.Reset():
+            case control.ResetWorld():
                 yield from self._reset(t_ns)
-            case control.Place():
+            case control.PlaceBody():
                 self._place(change)
-            case control.Wind():
+            case control.SetWind():
                 self._wind.change(change.mean_mps, change.from_deg, change.std_gust_mps)
             case control.SetFault():
                 self._faults.set(change, t_ns)
@@ -353,11 +353,11 @@ class Simulator:
                 self._speed = change.speed
                 if not self._paused:
                     yield from self._run(t_ns, wall_ns)
-            case control.Pause():
+            case control.PauseWorld():
                 yield from self._pause(t_ns, wall_ns)
-            case control.Resume():
+            case control.ResumeWorld():
                 yield from self._run(t_ns, wall_ns)
-            case control.Step():
+            case control.StepWorld():
                 self._step_until = (t_ns + round(change.duration_s * NS_PER_S), request.request_id)
                 yield from self._run(t_ns, wall_ns)
                 return  # the reply comes when the step is over
@@ -368,9 +368,9 @@ class Simulator:
         match change:
             case control.SetFault():
                 return self._faults.refusal(change)
-            case control.Place():
+            case control.PlaceBody():
                 return self._place_refusal(change)
-            case control.Step() if not self._paused:
+            case control.StepWorld() if not self._paused:
                 return "vehicle time runs; a step needs a paused simulator: jezero sim pause"
         return ""
 
@@ -397,7 +397,7 @@ class Simulator:
         if self._up:
             yield Reconnect(HIL)
 
-    def _place(self, place: control.Place) -> None:
+    def _place(self, place: control.PlaceBody) -> None:
         north_m, east_m = self._in_map(place)
         if place.what == "rover":
             self._drive = Drive(self._config.rover)
@@ -409,11 +409,11 @@ class Simulator:
         stand_m = self._vehicle.airframe.height_stand_m + self._config.uav.sag_legs_m
         self._world.place_uav((north_m, east_m, down_m - stand_m), yaw_rad)
 
-    def _in_map(self, place: control.Place) -> tuple[float, float]:
+    def _in_map(self, place: control.PlaceBody) -> tuple[float, float]:
         start_north_m, start_east_m, _ = self._world.start_ned_m
         return start_north_m + place.north_m, start_east_m + place.east_m
 
-    def _place_refusal(self, place: control.Place) -> str:
+    def _place_refusal(self, place: control.PlaceBody) -> str:
         """Reason why nothing can be put there; "" where it can."""
         uav, rover, there = self._world.state.pos_ned_m, self._rover.state.pos_ned_m, self._in_map(place)
         height_m = self._height_m()

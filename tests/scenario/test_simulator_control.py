@@ -4,7 +4,7 @@ import pytest
 
 from jezero.base.frames import horizontal, subtract
 from jezero.schemas import topics
-from jezero.schemas.simulator import Change, ControlSimulator, Place, Reset, SetFault, SimulatorState, Wind
+from jezero.schemas.simulator import Change, ControlSimulator, PlaceBody, ResetWorld, SetFault, SetWind, SimulatorState
 from jezero.schemas.state import StatusCode
 from tests.scenario.rig import Flight, go_to, land_at
 
@@ -23,7 +23,7 @@ def change(flight: Flight, do: Change) -> SimulatorState:
 def test_a_flight_survives_wind_faults_and_a_leap_and_begins_anew_after_a_reset() -> None:
     flight = Flight(seed=3)
     flight.take_off(3.0)
-    change(flight, Wind(mean_mps=5.0, from_deg=90.0))
+    change(flight, SetWind(mean_mps=5.0, from_deg=90.0))
     flight.bus.run_for(8.0)
     odometry = flight.status.odometry
     assert odometry is not None
@@ -32,12 +32,12 @@ def test_a_flight_survives_wind_faults_and_a_leap_and_begins_anew_after_a_reset(
     flight.bus.run_for(4.0)
     assert change(flight, SetFault(unit="baro", kind="ok")).faults == ()
     before = flight.truth
-    change(flight, Place(north_m=before.pos_uav_ned_m[0] + 3.0, east_m=before.pos_uav_ned_m[1], height_m=3.0))
+    change(flight, PlaceBody(north_m=before.pos_uav_ned_m[0] + 3.0, east_m=before.pos_uav_ned_m[1], height_m=3.0))
     flight.bus.run_for(15.0)
     assert flight.status.code == StatusCode.HOVER
     flight.do(topics.GO_TO, go_to(0.0, 0.0, -3.0))
     epoch = flight.status.epoch_id
-    change(flight, Reset())
+    change(flight, ResetWorld())
     flight.bus.run_for(20.0, stop=lambda: flight.status.epoch_id != epoch and flight.status.ready)
     assert not flight.status.armed
     assert horizontal(flight.truth.pos_uav_ned_m) < 0.1

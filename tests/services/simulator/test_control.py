@@ -11,15 +11,15 @@ from jezero.schemas.rows import Endpoint
 from jezero.schemas.simulator import (
     Change,
     ControlSimulator,
-    Pause,
-    Place,
-    Reset,
-    Resume,
+    PauseWorld,
+    PlaceBody,
+    ResetWorld,
+    ResumeWorld,
     SetFault,
     SetSpeed,
+    SetWind,
     SimulatorReply,
-    Step,
-    Wind,
+    StepWorld,
 )
 from jezero.services.simulator.config import RoverConfig, SimulatorConfig, UavConfig, WindConfig
 from jezero.services.simulator.service import HIL
@@ -103,10 +103,10 @@ def test_a_request_without_a_change_gets_the_state(bench: ControlBench) -> None:
 
 
 def test_wind_blows_as_asked_and_carries_a_flying_vehicle(bench: ControlBench) -> None:
-    state = bench.does(Wind(mean_mps=6.0, from_deg=90.0))
+    state = bench.does(SetWind(mean_mps=6.0, from_deg=90.0))
     assert state.wind_ned_mps == pytest.approx((0.0, -6.0, 0.0), abs=1e-9)
     assert state.std_gust_mps == 0.0
-    gusty = bench.does(Wind(mean_mps=6.0, from_deg=90.0, std_gust_mps=1.0))
+    gusty = bench.does(SetWind(mean_mps=6.0, from_deg=90.0, std_gust_mps=1.0))
     bench.run(100)
     assert bench.does(None).wind_ned_mps != pytest.approx(gusty.wind_ned_mps, abs=1e-6)
     bench.climb()
@@ -114,7 +114,7 @@ def test_wind_blows_as_asked_and_carries_a_flying_vehicle(bench: ControlBench) -
 
 
 def test_a_standing_vehicle_is_put_on_the_ground_elsewhere(bench: ControlBench) -> None:
-    state = bench.does(Place(north_m=-4.0, east_m=7.0, yaw_rad=1.5))
+    state = bench.does(PlaceBody(north_m=-4.0, east_m=7.0, yaw_rad=1.5))
     assert state.pos_uav_ned_m[:2] == pytest.approx((-4.0, 7.0), abs=0.05)
     assert state.yaw_uav_rad == pytest.approx(1.5, abs=0.02)
     bench.run(250)
@@ -125,13 +125,13 @@ def test_a_standing_vehicle_is_put_on_the_ground_elsewhere(bench: ControlBench) 
 
 def test_a_flying_vehicle_is_put_into_the_air_at_rest(bench: ControlBench) -> None:
     bench.climb()
-    state = bench.does(Place(north_m=10.0, east_m=10.0, height_m=8.0))
+    state = bench.does(PlaceBody(north_m=10.0, east_m=10.0, height_m=8.0))
     assert state.height_uav_m == pytest.approx(8.0, abs=0.05)
     assert state.vel_uav_ned_mps == pytest.approx((0.0, 0.0, 0.0), abs=0.1)
 
 
 def test_the_rover_is_put_elsewhere_with_its_platform(bench: ControlBench) -> None:
-    state = bench.does(Place(what="rover", north_m=-6.0, east_m=2.0, yaw_rad=-1.0))
+    state = bench.does(PlaceBody(what="rover", north_m=-6.0, east_m=2.0, yaw_rad=-1.0))
     assert state.pos_rover_ned_m[:2] == pytest.approx((-6.0, 2.0), abs=0.05)
     assert state.yaw_rover_rad == pytest.approx(-1.0)
     (truth,) = published(bench.run(5), topics.TRUTH)[-1:]
@@ -141,13 +141,13 @@ def test_the_rover_is_put_elsewhere_with_its_platform(bench: ControlBench) -> No
 @pytest.mark.parametrize(
     ("place", "said"),
     [
-        (Place(north_m=1.0, east_m=0.0, height_m=3.0), "would fall 3 m"),
-        (Place(north_m=5.0, east_m=-3.0), "the rover is there"),
-        (Place(what="rover", north_m=0.5, east_m=0.0), "the vehicle is there"),
-        (Place(what="rover", north_m=9.0, east_m=0.0, height_m=1.0), "stands on the ground"),
+        (PlaceBody(north_m=1.0, east_m=0.0, height_m=3.0), "would fall 3 m"),
+        (PlaceBody(north_m=5.0, east_m=-3.0), "the rover is there"),
+        (PlaceBody(what="rover", north_m=0.5, east_m=0.0), "the vehicle is there"),
+        (PlaceBody(what="rover", north_m=9.0, east_m=0.0, height_m=1.0), "stands on the ground"),
     ],
 )
-def test_an_absurd_place_is_refused_with_the_reason(bench: ControlBench, place: Place, said: str) -> None:
+def test_an_absurd_place_is_refused_with_the_reason(bench: ControlBench, place: PlaceBody, said: str) -> None:
     before = bench.does(None)
     assert said in bench.refuses(place)
     after = bench.does(None)
@@ -157,28 +157,28 @@ def test_an_absurd_place_is_refused_with_the_reason(bench: ControlBench, place: 
 
 def test_a_flying_vehicle_is_not_put_on_the_ground(bench: ControlBench) -> None:
     bench.climb()
-    assert "land first" in bench.refuses(Place(north_m=1.0, east_m=1.0))
+    assert "land first" in bench.refuses(PlaceBody(north_m=1.0, east_m=1.0))
 
 
 def test_running_motors_on_the_ground_keep_the_vehicle_there(bench: ControlBench) -> None:
     bench.command = 0.05
     bench.run(50)
-    assert "take off first, or disarm" in bench.refuses(Place(north_m=1.0, east_m=1.0, height_m=3.0))
+    assert "take off first, or disarm" in bench.refuses(PlaceBody(north_m=1.0, east_m=1.0, height_m=3.0))
 
 
 def test_the_rover_stays_below_a_vehicle_that_stands_on_it() -> None:
     bench = ControlBench(SimulatorConfig(wind=CALM, uav=UavConfig(start="platform")))
     bench.run(10)
-    assert "stands on the rover" in bench.refuses(Place(what="rover", north_m=9.0, east_m=9.0))
+    assert "stands on the rover" in bench.refuses(PlaceBody(what="rover", north_m=9.0, east_m=9.0))
 
 
 def test_a_reset_puts_everything_back_and_closes_the_link_of_the_autopilot(bench: ControlBench) -> None:
     epoch = bench.does(None).epoch_id
-    bench.does(Wind(mean_mps=6.0, from_deg=90.0))
+    bench.does(SetWind(mean_mps=6.0, from_deg=90.0))
     bench.does(SetFault(unit="gps", kind="off"))
-    bench.does(Place(what="rover", north_m=-6.0, east_m=2.0))
+    bench.does(PlaceBody(what="rover", north_m=-6.0, east_m=2.0))
     bench.climb()
-    reply, outputs = bench.ask(Reset())
+    reply, outputs = bench.ask(ResetWorld())
     assert Reconnect(HIL) in outputs
     assert reply.accepted
     bench.command = None
@@ -196,7 +196,7 @@ def test_a_reset_puts_everything_back_and_closes_the_link_of_the_autopilot(bench
 
 def test_paused_nothing_moves_and_the_clock_says_so(bench: ControlBench) -> None:
     bench.climb()
-    state = bench.does(Pause())
+    state = bench.does(PauseWorld())
     assert state.paused
     outputs = bench.run(100)
     clocks = published(outputs, topics.CLOCK)
@@ -208,10 +208,10 @@ def test_paused_nothing_moves_and_the_clock_says_so(bench: ControlBench) -> None
 
 def test_after_a_pause_time_goes_on_where_it_stood(bench: ControlBench) -> None:
     bench.climb()
-    before = bench.does(Pause())
+    before = bench.does(PauseWorld())
     t_ns = bench.t_ns
     bench.run(20)
-    reply, outputs = bench.ask(Resume())
+    reply, outputs = bench.ask(ResumeWorld())
     assert SetPace(1.0) in outputs
     assert published(outputs, topics.CLOCK)[-1].pace == 1.0
     (imu,) = published(bench.run(6), topics.IMU)[:1]
@@ -221,23 +221,23 @@ def test_after_a_pause_time_goes_on_where_it_stood(bench: ControlBench) -> None:
 
 
 def test_a_step_lasts_as_long_as_asked_and_pauses_again(bench: ControlBench) -> None:
-    bench.does(Pause())
+    bench.does(PauseWorld())
     t_ns = bench.does(None).t_ns
-    state = bench.does(Step(duration_s=0.4))
+    state = bench.does(StepWorld(duration_s=0.4))
     assert state.paused
     assert state.t_ns == t_ns + 400_000_000
     assert bench.pace == 0.0
 
 
 def test_a_step_needs_a_pause(bench: ControlBench) -> None:
-    assert "jezero sim pause" in bench.refuses(Step(duration_s=1.0))
+    assert "jezero sim pause" in bench.refuses(StepWorld(duration_s=1.0))
 
 
 def test_a_step_that_is_paused_early_gets_its_reply(bench: ControlBench) -> None:
-    bench.does(Pause())
-    bench.asked.append(Request(900, "client", ControlSimulator(do=Step(duration_s=5.0))))
+    bench.does(PauseWorld())
+    bench.asked.append(Request(900, "client", ControlSimulator(do=StepWorld(duration_s=5.0))))
     bench.run(10)
-    _, outputs = bench.ask(Pause())
+    _, outputs = bench.ask(PauseWorld())
     assert any(isinstance(o, Reply) and o.request_id == 900 for o in outputs)
 
 
@@ -248,10 +248,10 @@ def test_the_speed_goes_to_the_runtime_and_the_clock(bench: ControlBench) -> Non
 
 
 def test_a_paused_simulator_keeps_a_new_speed_until_it_goes_on(bench: ControlBench) -> None:
-    bench.does(Pause())
+    bench.does(PauseWorld())
     _, outputs = bench.ask(SetSpeed(speed=2.0))
     assert not [o for o in outputs if isinstance(o, SetPace)]
-    _, outputs = bench.ask(Resume())
+    _, outputs = bench.ask(ResumeWorld())
     assert SetPace(2.0) in outputs
 
 
@@ -261,7 +261,7 @@ def test_the_speed_that_is_reached_is_measured(bench: ControlBench) -> None:
 
 
 def test_only_changes_are_replied_to_once(bench: ControlBench) -> None:
-    _, outputs = bench.ask(Wind(mean_mps=1.0, from_deg=0.0))
+    _, outputs = bench.ask(SetWind(mean_mps=1.0, from_deg=0.0))
     outputs += bench.run(20)
     assert len([o for o in outputs if isinstance(o, Reply)]) == 1
     assert [o for o in outputs if isinstance(o, Publish)]

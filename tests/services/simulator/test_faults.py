@@ -10,7 +10,7 @@ from jezero.base.mavlink import dialect
 from jezero.schemas import topics
 from jezero.schemas.rows import Topic
 from jezero.schemas.sensors import Altimeter
-from jezero.schemas.simulator import FAULTS, FaultUnit, Place, SetFault
+from jezero.schemas.simulator import FAULTS, FaultUnit, PlaceBody, SetFault
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.faults import InjectedFaults
 from tests.services.simulator.test_control import CALM, ControlBench
@@ -94,7 +94,7 @@ def at_height(bench: ControlBench) -> None:
     """Fly, so that the altimeter measures something."""
     bench.command = 0.6
     bench.run(SECOND)
-    bench.does(Place(north_m=0.0, east_m=0.0, height_m=5.0))
+    bench.does(PlaceBody(north_m=0.0, east_m=0.0, height_m=5.0))
 
 
 @pytest.mark.parametrize("unit", UNITS)
