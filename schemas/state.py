@@ -82,10 +82,13 @@ class Clock(Message, frozen=True, kw_only=True):
         epoch_id: id of the epoch. It changes when the vehicle was lost and starts again: goals end, and filters reset.
         wall_ns: monotonic clock of the master at the same time. When it goes on and `t_ns` does not, the master stood
             still; a message that arrives late is late in both.
+        pace: seconds of vehicle time in one of real time until the next message, as the master aims at them; 0 while
+            a simulator is paused.
     """
 
     epoch_id: int
     wall_ns: TimeNs
+    pace: Annotated[float, Meta(ge=0.0, le=100.0)] = 1.0
 
 
 class Odometry(Message, frozen=True, kw_only=True):

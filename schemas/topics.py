@@ -17,6 +17,7 @@ from jezero.schemas import (
     mission,
     preflight,
     sensors,
+    simulator,
     state,
     terrain,
 )
@@ -101,6 +102,9 @@ LEASE = refusing(
 RUN_MISSION = refusing("@mission/run", mission.Mission, mission.MissionReply, "mission", accepted=False)
 COMMAND_MISSION = refusing("@mission/command", mission.MissionCommand, mission.MissionReply, "mission", accepted=False)
 CHECK_PREFLIGHT = refusing("@preflight/check", preflight.GetPreflight, preflight.PreflightReply, "preflight", "viewer")
+CONTROL_SIMULATOR = refusing(
+    "@simulator/control", simulator.ControlSimulator, simulator.SimulatorReply, "simulator", accepted=False
+)
 GROUND = Endpoint(
     "simulator/ground",
     terrain.GetGround,
@@ -176,7 +180,7 @@ ACTIONS: dict[str, Action[Any]] = {
 
 ENDPOINTS: tuple[Endpoint[Any, Any], ...] = (
     ACQUIRE, RELEASE, HOVER, ABORT, KILL, RESULT, UNKNOWN_ACTION, GET_PARAMETERS, SET_PARAMETERS, LEASE,
-    RUN_MISSION, COMMAND_MISSION, CHECK_PREFLIGHT, SET_FENCE, GROUND,
+    RUN_MISSION, COMMAND_MISSION, CHECK_PREFLIGHT, SET_FENCE, GROUND, CONTROL_SIMULATOR,
     *(endpoint for action in ACTIONS.values() for endpoint in action.endpoints),
 )  # fmt: skip
 

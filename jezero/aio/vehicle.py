@@ -11,7 +11,7 @@ from jezero.aio.goal import Goal, ImagesGoal, VelocityGoal, cancel_with_task
 from jezero.aio.rover import Rover
 from jezero.aio.subscription import Subscription
 from jezero.aio.threads import Threads, in_thread
-from jezero.client import actions, camera, control, goal, images, mission, velocity
+from jezero.client import actions, camera, control, goal, images, mission, simulator, velocity
 from jezero.client import vehicle as client
 from jezero.client.errors import TimedOut, Unreachable
 from jezero.client.status import STATUS_TIMEOUT_S, no_status
@@ -73,6 +73,24 @@ class Missions:
     progress = in_thread(mission.Missions.progress)
 
 
+class SimulatedWorld:
+    """The simulated world of one vehicle, `Vehicle.simulator`; see `jezero.client.simulator.SimulatedWorld`."""
+
+    def __init__(self, threads: Threads, blocking: simulator.SimulatedWorld) -> None:
+        self._threads = threads
+        self._blocking = blocking
+
+    state = in_thread(simulator.SimulatedWorld.state)
+    reset = in_thread(simulator.SimulatedWorld.reset)
+    place = in_thread(simulator.SimulatedWorld.place)
+    wind = in_thread(simulator.SimulatedWorld.wind)
+    fault = in_thread(simulator.SimulatedWorld.fault)
+    pause = in_thread(simulator.SimulatedWorld.pause)
+    resume = in_thread(simulator.SimulatedWorld.resume)
+    step = in_thread(simulator.SimulatedWorld.step)
+    speed = in_thread(simulator.SimulatedWorld.speed)
+
+
 class Actions:
     """The actions of one vehicle's stack, the attribute `Vehicle.actions`; see `jezero.client.actions.Actions`."""
 
@@ -98,6 +116,7 @@ class Vehicle:
         actions: the actions of the stack, and the goal that is flown, whichever client sent it.
         rover: the rover, with methods that drive it.
         camera: the camera, with methods that return or save its images.
+        simulator: the simulated world, where there is one.
         mission: the mission service; subscribe to `topics.MISSION` to watch it.
     """
 
@@ -106,6 +125,7 @@ class Vehicle:
         self.rover = Rover(threads, blocking.rover)
         self.camera = Camera(threads, blocking.camera)
         self.mission = Missions(threads, blocking.mission)
+        self.simulator = SimulatedWorld(threads, blocking.simulator)
         self._threads = threads
         self._blocking = blocking
 

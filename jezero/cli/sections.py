@@ -67,6 +67,9 @@ SECTIONS: dict[str, dict[str, Listed]] = {
             "orthophoto",
         ),
     },
+    "Simulator": {
+        "sim": Listed("jezero.cli.sim", "sim", "Play with the simulated world: pause, place, wind, faults."),
+    },
     "Hardware": {
         "twin": Listed("jezero.cli.twin", "twin", "Run a simulated vehicle as hardware would be, to rehearse.", "sim"),
         "px4": Listed("jezero.cli.px4", "px4", "Compare and set a real flight controller's parameters.", "services"),

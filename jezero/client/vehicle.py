@@ -17,6 +17,7 @@ from jezero.client.images import ImagesGoal
 from jezero.client.mission import Missions
 from jezero.client.rover import Rover
 from jezero.client.session import Connection
+from jezero.client.simulator import SimulatedWorld
 from jezero.client.status import REPLY_TIMEOUT_S, check_preflight, request_status, wait_ready, watch_status
 from jezero.client.subscription import LatestValues, Subscription, call_for_each, topic_named
 from jezero.client.velocity import VelocityGoal
@@ -84,6 +85,7 @@ class Vehicle:
         rover: the rover, with methods that drive it.
         camera: the camera, with methods that return or save its images.
         mission: the mission service, which flies a list of goals also when this client is gone.
+        simulator: the simulated world, where there is one, with methods that change it.
     """
 
     def __init__(self, connection: Connection) -> None:
@@ -91,6 +93,7 @@ class Vehicle:
         self.rover = Rover(connection)
         self.camera = Camera(connection)
         self.mission = Missions(connection)
+        self.simulator = SimulatedWorld(connection)
         self._connection = connection
         self._goals = GoalSender(connection)
         self._latest = LatestValues(connection)

@@ -162,6 +162,14 @@ class MemoryBus:
             self._set_link(*a, up=True)
             self._set_link(*b, up=True)
 
+    def reconnect(self, owner: str, link: str) -> None:
+        """Close the connection of a link, and connect it again at once."""
+        wire = self._wires.get((owner, link))
+        if wire is not None and wire.peer[0] in self._ports:
+            for up in (False, True):
+                self._set_link(owner, link, up=up)
+                self._set_link(*wire.peer, up=up)
+
     def observe(self, observer: Observer) -> None:
         """Call `observer(t_ns, topic, data)` for every published message, when it is sent."""
         self._observers.append(observer)
@@ -411,7 +419,7 @@ class Port:
         if self.alive:
             self.schedule_tick(bus.t_ns + self._period_ns)
         if bus.t_ns >= self.node.health_due_ns(bus.t_ns):
-            bus.publish(self.name, self._health_topic, encode(self.node.health(bus.t_ns, 0.0)))
+            bus.publish(self.name, self._health_topic, encode(self.node.health(bus.t_ns, 0.0, bus.t_ns)))
         self.publish_journal()
 
     def publish_journal(self, *, force: bool = False) -> None:
@@ -459,6 +467,12 @@ class Port:
 
     def set_rate(self, rate_hz: float) -> None:
         self._period_ns = int(NS_PER_S / rate_hz)
+
+    def set_pace(self, pace: float) -> None:
+        raise RuntimeError("virtual time has no pace: whoever runs the bus lets it go on")
+
+    def reconnect(self, link: str) -> None:
+        self._bus.reconnect(self.name, link)
 
     def run_task(self, function: Callable[[], Any], tag: str) -> None:
         self._tasks_end_ns = max(self._tasks_end_ns, self._bus.t_ns) + int(BACKGROUND_TASK_S * NS_PER_S)

@@ -29,12 +29,14 @@ from jezero.runtime.service import (
     Health,
     Output,
     Publish,
+    Reconnect,
     Reply,
     Request,
     Response,
     Send,
     SentMessage,
     Service,
+    SetPace,
     SetRate,
     Subscribe,
     UndeclaredError,
@@ -64,6 +66,8 @@ class Transport(Protocol):
     def send(self, link: str, data: bytes) -> None: ...
     def subscribe(self, names: frozenset[str]) -> None: ...
     def set_rate(self, rate_hz: float) -> None: ...
+    def set_pace(self, pace: float) -> None: ...
+    def reconnect(self, link: str) -> None: ...
     def run_task(self, function: Callable[[], Any], tag: str) -> None: ...
     def cancel_task(self, tag: str) -> None: ...
 
@@ -293,6 +297,12 @@ class Node:
                 self._subscribe(output)
             case SetRate():
                 self._transport.set_rate(output.rate_hz or self.spec.rate_hz)
+            case SetPace():
+                self._require(self.spec.lockstep is not None, "lockstep", "pace")
+                self._transport.set_pace(output.pace)
+            case Reconnect():
+                self._require(output.link in self.inbox._up, "link", output.link)
+                self._transport.reconnect(output.link)
             case BackgroundTask():
                 self._transport.run_task(output.function, output.tag)
             case CancelTask():
@@ -357,14 +367,16 @@ class Node:
             return now_ns
         return self._health_ns + (NS_PER_S if self._state == self._reported_state else HEALTH_PERIOD_MIN_NS)
 
-    def health(self, t_ns: int, late_s: float) -> ServiceHealth:
+    def health(self, t_ns: int, late_s: float, now_ns: int) -> ServiceHealth:
         """Report of the service, which the runtime publishes when `health_due_ns` says so.
 
         Args:
             t_ns: vehicle time.
             late_s: greatest lateness of a step since the last report.
+            now_ns: time, on the clock of `health_due_ns`.
         """
-        wall_ns = self._health_ns = self.inbox.wall_ns
+        self._health_ns = now_ns
+        wall_ns = self.inbox.wall_ns
         self._reported_state = self._state
         state, text = self._state, self._text
         if self._failed_steps:
@@ -546,6 +558,14 @@ class _JournaledTransport:
     def set_rate(self, rate_hz: float) -> None:
         self._journal.add(entries.Changed("rate_hz", repr(rate_hz)))
         self._transport.set_rate(rate_hz)
+
+    def set_pace(self, pace: float) -> None:
+        self._journal.add(entries.Changed("pace", repr(pace)))
+        self._transport.set_pace(pace)
+
+    def reconnect(self, link: str) -> None:
+        self._journal.add(entries.Changed("reconnected", link))
+        self._transport.reconnect(link)
 
     def run_task(self, function: Callable[[], Any], tag: str) -> None:
         self._journal.add(entries.Changed("task started", tag))

@@ -136,6 +136,23 @@ class SetRate(msgspec.Struct, frozen=True):
     rate_hz: float | None
 
 
+class SetPace(msgspec.Struct, frozen=True):
+    """Change how fast the time master in lockstep lets vehicle time go.
+
+    Attributes:
+        pace: seconds of vehicle time in one of real time. With 0 it stands still: the service is stepped at one and the
+            same time, 50 times a second, until another `SetPace`.
+    """
+
+    pace: float
+
+
+class Reconnect(msgspec.Struct, frozen=True):
+    """Close the connection of a link of `Spec.links`; its other end connects again."""
+
+    link: str
+
+
 class BackgroundTask(msgspec.Struct, frozen=True):
     """A function that takes too long for a step; a process of its own executes it while the service goes on stepping.
 
@@ -171,7 +188,9 @@ class Health(msgspec.Struct, frozen=True):
     room_bytes: int | None = None
 
 
-Output = Publish | Reply | Call | Send | Subscribe | SetRate | BackgroundTask | CancelTask | Health
+Output = (
+    Publish | Reply | Call | Send | Subscribe | SetRate | SetPace | Reconnect | BackgroundTask | CancelTask | Health
+)
 
 
 # -- inputs of a step --------------------------------------------------------------------------------------
@@ -227,12 +246,13 @@ class Inbox(Protocol):
     def wall_ns(self) -> int:
         """Monotonic wall time in ns: for liveness of other processes, never for control.
 
-        Stalls of this process are left out of it, as other processes may have stalled at the same time.
+        Stalls of this process are left out of it, as other processes may have stalled at the same time. It stands still
+        while a simulator is paused, and slows down with one that is slower than real time.
         """
 
     @property
     def stalled_ns(self) -> int:
-        """Stalls of this process so far: `wall_ns` and this are the computer's monotonic time, for the time master."""
+        """What `wall_ns` leaves out so far: both together are the computer's monotonic time, for the time master."""
 
     @property
     def connected(self) -> bool:

@@ -49,6 +49,8 @@ CLOCK_NAME = topics.CLOCK.name
 LINK_POLL_PERIOD_NS = 50_000_000
 """Period at which links with nothing to read are polled too, as polling also connects."""
 CLOSE_TIMEOUT_S = 0.7
+PAUSED_PERIOD_NS = 20_000_000
+"""Period of the time master's steps while vehicle time stands still."""
 JOURNAL_WAITING_MAX_BYTES = 16_000_000
 """Parts of the journal that wait for a recorder; the oldest are dropped. A start of the stack takes far less."""
 Kind = Literal["sample", "newest", "query", "response", "departed", "opened", "outcome", "sent"]
@@ -70,6 +72,11 @@ class ServiceLoop:
         self._clock = VehicleClock()
         self._master_t_ns = 0
         self._stalled_ns = 0
+        self._held_ns = 0
+        """Time that the inbox leaves out, because vehicle time stood still or was slow on purpose."""
+        self._held_until_ns = 0
+        self._pace = service.spec.pace
+        """Pace of the time master; that of other services is their clock's."""
         self._stopping = False
         self._events: deque[tuple[Kind, str, Any]] = deque()
         """Arrivals from Zenoh's threads and that of the background tasks, oldest first."""
@@ -219,7 +226,6 @@ class ServiceLoop:
     def _loop_as_master(self, link: str) -> None:
         """Advance vehicle time by one period per step, in lockstep with the autopilot on `link`."""
         period_ns = int(NS_PER_S / self._spec.rate_hz)
-        real_period_ns = int(period_ns / self._spec.pace)
         due_ns = self._now_ns()
         unanswered = 0
         while not self._stopping:
@@ -230,6 +236,11 @@ class ServiceLoop:
             self._update_subscriptions()
             if now_ns < due_ns:
                 continue
+            if self._pace == 0.0:
+                self._node.step(self._master_t_ns)
+                due_ns = now_ns + PAUSED_PERIOD_NS
+                self._report(now_ns)
+                continue
             if self._node.inbox.connections(link) > 0:
                 self._late_ns = max(self._late_ns, now_ns - due_ns)
                 self._node.step(self._master_t_ns)
@@ -237,7 +248,7 @@ class ServiceLoop:
                 if self._links[link].up:
                     answered = self._await_answer(link, wait=unanswered < UNANSWERED_STEPS_MAX)
                     unanswered = 0 if answered else unanswered + 1
-            due_ns = max(due_ns + real_period_ns, now_ns - MASTER_LATENESS_MAX_NS)
+            due_ns = max(due_ns + int(period_ns / (self._pace or 1.0)), now_ns - MASTER_LATENESS_MAX_NS)
             self._report(now_ns)
 
     def _await_answer(self, link: str, *, wait: bool) -> bool:
@@ -274,11 +285,24 @@ class ServiceLoop:
 
     def _collect(self, now_ns: int) -> bool:
         """Move all events into the inbox; returns whether one of them triggers a step."""
-        self._node.inbox.wall_ns, self._node.inbox.stalled_ns = now_ns, self._stalled_ns
+        self._set_inbox_time(now_ns)
         wanted = False
         while self._events:
             wanted |= self._dispatch(*self._events.popleft())
         return wanted
+
+    def _set_inbox_time(self, now_ns: int) -> None:
+        """Set the wall time of the inbox, which is slower than real time when vehicle time is slower on purpose.
+
+        A process that is silent because vehicle time stands still is not dead. A fast vehicle time leaves it as it is.
+        """
+        if self._spec.lockstep is None:
+            pace = self._clock.pace_now(now_ns)
+            if pace < 1.0 and now_ns > self._held_until_ns:
+                self._held_ns += int((now_ns - self._held_until_ns) * (1.0 - pace))
+            self._held_until_ns = now_ns
+        inbox = self._node.inbox
+        inbox.wall_ns, inbox.stalled_ns = now_ns - self._held_ns, self._stalled_ns + self._held_ns
 
     def _dispatch(self, kind: Kind, name: str, value: Any) -> bool:
         """Move one event into the inbox; returns whether it triggers a step."""
@@ -304,7 +328,7 @@ class ServiceLoop:
 
     def _collect_links(self, now_ns: int) -> bool:
         """Move bytes and states of the links into the inbox; returns whether one of them triggers a step."""
-        self._node.inbox.wall_ns = now_ns
+        self._set_inbox_time(now_ns)
         wanted = False
         names: Iterable[str] = self._readable
         if now_ns >= self._next_link_poll_ns:
@@ -340,7 +364,7 @@ class ServiceLoop:
             clock: Clock = decode(Clock, data)
         except BadPayloadError:
             return
-        self._clock.update(clock.t_ns, clock.epoch_id, clock.wall_ns, self._now_ns())
+        self._clock.update(clock.t_ns, clock.epoch_id, clock.wall_ns, self._now_ns(), clock.pace)
 
     def _on_query(self, name: str, query: zenoh.Query) -> bool:
         payload, attachment = query.payload, query.attachment
@@ -370,7 +394,7 @@ class ServiceLoop:
             self._node.inbox.connected = self._session.connected
         if now_ns >= self._node.health_due_ns(now_ns):
             t_ns = self._master_t_ns if self._spec.lockstep else self._clock.now_ns(now_ns)
-            health = self._node.health(t_ns, self._late_ns / NS_PER_S)
+            health = self._node.health(t_ns, self._late_ns / NS_PER_S, now_ns)
             self._late_ns = 0
             self._session.put(self._health_topic, encode(health))
         self._publish_journal()
@@ -411,6 +435,13 @@ class ServiceLoop:
 
     def set_rate(self, rate_hz: float) -> None:
         self._period_ns = int(NS_PER_S / rate_hz)
+
+    def set_pace(self, pace: float) -> None:
+        self._pace = pace
+
+    def reconnect(self, link: str) -> None:
+        self._links[link].close()
+        self._links[link].start()
 
     def run_task(self, function: Callable[[], Any], tag: str) -> None:
         self._tasks.add(function, tag)

@@ -86,11 +86,15 @@ class RoverModel:
         self._q_level_from_platform = quat_from_rotation_vector(
             (tilt_rad * sin(towards_rad), -tilt_rad * cos(towards_rad), 0.0)
         )
-        self._ground_m = (config.start_north_m, config.start_east_m)
-        yaw_rad = config.start_yaw_rad
+        self.state = self.place(config.start_north_m, config.start_east_m, config.start_yaw_rad)
+
+    def place(self, north_m: float, east_m: float, yaw_rad: float) -> RoverState:
+        """Put the rover somewhere, at rest."""
+        self._ground_m = (north_m, east_m)
         at_rest = (0.0, 0.0, 0.0)
         pos_ned_m, q_ned_from_rover_body = self._pose(yaw_rad)
         self.state = RoverState(pos_ned_m, at_rest, q_ned_from_rover_body, at_rest, yaw_rad, 0.0, 0.0)
+        return self.state
 
     @property
     def moves_by_itself(self) -> bool:

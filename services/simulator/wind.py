@@ -86,10 +86,16 @@ class WindModel:
     Args:
         dt_s: duration of a step.
         normals: stream of random numbers.
+
+    Attributes:
+        mean_mps: speed of the mean wind.
+        from_deg: direction from which it blows, clockwise from north.
+        std_gust_mps: standard deviation of each horizontal component of the gusts.
+        vel_ned_mps: velocity of the air.
     """
 
     def __init__(self, config: WindConfig, dt_s: float, normals: Normals) -> None:
-        self._std_mps = config.std_gust_mps
+        self.std_gust_mps = config.std_gust_mps
         self._set_mean(config.mean_mps, config.from_deg)
         horizontal_m, vertical_m, self._share_down = dryden_scales(0.0)
         self._height_m = 0.0
@@ -98,11 +104,13 @@ class WindModel:
         self._w = _Transverse(vertical_m / self._carry_mps, dt_s, normals)
         self.vel_ned_mps: Vec3 = self._combine(0.0, 0.0, 0.0)
 
-    def change(self, mean_mps: float, from_deg: float) -> None:
-        """Change the mean wind from now on."""
+    def change(self, mean_mps: float, from_deg: float, std_gust_mps: float | None = None) -> None:
+        """Change the mean wind from now on, and the gusts unless they are None."""
         self._set_mean(mean_mps, from_deg)
+        if std_gust_mps is not None:
+            self.std_gust_mps = std_gust_mps
         self._retune(self._height_m)
-        if self._std_mps == 0.0:
+        if self.std_gust_mps == 0.0:
             self.vel_ned_mps = self._combine(0.0, 0.0, 0.0)
 
     def step(self, height_m: float) -> Vec3:
@@ -111,7 +119,7 @@ class WindModel:
         Args:
             height_m: height of the vehicle above ground.
         """
-        if self._std_mps == 0.0:
+        if self.std_gust_mps == 0.0:
             return self.vel_ned_mps
         if abs(height_m - self._height_m) > HEIGHT_STEP_M:
             self._retune(height_m)
@@ -119,9 +127,10 @@ class WindModel:
         return self.vel_ned_mps
 
     def _set_mean(self, mean_mps: float, from_deg: float) -> None:
+        self.from_deg = from_deg
         towards_rad = radians(from_deg + 180.0)
         self._along = (cos(towards_rad), sin(towards_rad))
-        self._mean_mps = mean_mps
+        self.mean_mps = mean_mps
         self._carry_mps = max(mean_mps, CARRY_MIN_MPS)
 
     def _retune(self, height_m: float) -> None:
@@ -134,10 +143,10 @@ class WindModel:
     def _combine(self, u: float, v: float, w: float) -> Vec3:
         """Mean wind and unit gusts along, across and down."""
         c, s = self._along
-        along_mps = self._mean_mps + self._std_mps * u
-        across_mps = self._std_mps * v
+        along_mps = self.mean_mps + self.std_gust_mps * u
+        across_mps = self.std_gust_mps * v
         return (
             c * along_mps - s * across_mps,
             s * along_mps + c * across_mps,
-            self._std_mps * self._share_down * w,
+            self.std_gust_mps * self._share_down * w,
         )

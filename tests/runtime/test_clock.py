@@ -109,3 +109,45 @@ def test_a_slow_master_slows_vehicle_time() -> None:
     for number in range(20):
         tell(clock, number * 50, number * 100)
     assert now_ms(clock, 2900) == pytest.approx(1450, abs=5)
+
+
+def paced(clock: VehicleClock, t_ms: float, sent_ms: float, pace: float) -> None:
+    """One message of a master at another pace than that of real time."""
+    sent_ns = int(sent_ms * MS)
+    clock.update(AHEAD_NS + int(t_ms * MS), 1, MASTER_NS + sent_ns, sent_ns, pace)
+
+
+def test_time_stands_still_while_the_master_says_that_it_has_paused() -> None:
+    clock = running()
+    for wall_ms in range(1050, 60_000, 100):
+        paced(clock, 1040, wall_ms, 0.0)
+        assert now_ms(clock, wall_ms + 90) == pytest.approx(1040)
+    assert clock.pace_now(59_990 * MS) == 0.0
+    paced(clock, 1040, 60_000, 1.0)
+    assert now_ms(clock, 60_050) == pytest.approx(1090)
+
+
+def test_a_paused_master_that_is_silent_counts_as_gone_after_a_second() -> None:
+    clock = running()
+    paced(clock, 1000, 1000, 0.0)
+    assert now_ms(clock, 1990) == pytest.approx(1000)
+    assert now_ms(clock, 2500) == pytest.approx(1500)
+    assert clock.pace_now(2500 * MS) == 1.0
+
+
+@pytest.mark.parametrize("pace", [0.1, 0.5, 3.0])
+def test_time_follows_the_pace_from_its_first_message_on(pace: float) -> None:
+    clock = running()
+    paced(clock, 1000, 1000, pace)
+    assert now_ms(clock, 1050) == pytest.approx(1000 + 50 * pace)
+    for wall_ms in range(1100, 2000, 100):
+        paced(clock, 1000 + (wall_ms - 1000) * pace, wall_ms, pace)
+    assert now_ms(clock, 1950) == pytest.approx(1000 + 950 * pace, rel=0.01)
+
+
+def test_a_pause_in_the_step_of_another_message_counts() -> None:
+    clock = running()
+    paced(clock, 1000, 1000, 0.0)
+    assert clock.pace_now(1000 * MS) == 0.0
+    paced(clock, 1000, 1000, 0.0)
+    assert now_ms(clock, 1100) == pytest.approx(1000)

@@ -46,14 +46,20 @@ class Host:
     def _sleep(self, seconds: float) -> None:
         self.wall_ns += round(seconds * 1000 * MS + (self.stalls_ms.pop(0) if self.stalls_ms else 0) * MS)
 
-    def receive_clock(self, sent_ms: int) -> None:
+    def receive_clock(self, sent_ms: int, pace: float = 1.0) -> None:
         """Receive a message of a master with the same monotonic clock and vehicle time."""
-        clock = Clock(t_ns=sent_ms * MS, epoch_id=1, wall_ns=sent_ms * MS)
+        clock = Clock(t_ns=sent_ms * MS, epoch_id=1, wall_ns=sent_ms * MS, pace=pace)
         self.runner._enqueue("sample", topics.CLOCK.name, encode(clock))
 
     @property
     def t_ms(self) -> float:
         return self.runner._clock.now_ns(self.wall_ns) / MS
+
+    def collect(self) -> tuple[float, float]:
+        """Wall time of the inbox in ms, and what it leaves out, after a turn of the loop."""
+        self.runner._collect(self.wall_ns)
+        inbox = self.runner._node.inbox
+        return inbox.wall_ns / MS, inbox.stalled_ns / MS
 
 
 @pytest.fixture
@@ -311,3 +317,30 @@ def test_state_that_changes_with_a_reply_is_published_in_the_same_step(asking: A
     last = asking.runner._session._last_value[topics.STATUS.name]  # for a plain get
     assert last is not None and b'"text":"1"' in last
     assert asking.put == [10]
+
+
+def test_nobody_grows_old_by_the_inbox_while_the_simulator_is_paused(host: Host) -> None:
+    host.wall_ns = 1000 * MS
+    host.receive_clock(sent_ms=1000)
+    assert host.collect() == (1000, 0)
+    host.receive_clock(sent_ms=1000, pace=0.0)
+    host.collect()
+    for wall_ms in range(1100, 3001, 100):
+        host.wall_ns = wall_ms * MS
+        clock = Clock(t_ns=1000 * MS, epoch_id=1, wall_ns=host.wall_ns, pace=0.0)
+        host.runner._enqueue("sample", topics.CLOCK.name, encode(clock))
+        wall, left_out = host.collect()
+        assert wall == pytest.approx(1000)
+        assert wall + left_out == pytest.approx(wall_ms)
+    host.receive_clock(sent_ms=3000)
+    host.collect()
+    host.wall_ns = 3100 * MS
+    assert host.collect() == pytest.approx((1100, 2000))
+
+
+def test_at_a_tenth_of_the_speed_the_inbox_grows_old_at_a_tenth(host: Host) -> None:
+    host.wall_ns = 1000 * MS
+    host.receive_clock(sent_ms=1000, pace=0.1)
+    host.collect()
+    host.wall_ns = 2000 * MS
+    assert host.collect() == pytest.approx((1100, 900))

@@ -40,6 +40,7 @@ SECTIONS: dict[str, tuple[str, tuple[str, ...]]] = {
         "The attribute `actions` of a vehicle.",
         ("jezero.client.actions.Actions", "jezero.client.actions.described"),
     ),
+    "Simulator": ("The attribute `simulator` of a vehicle.", ("jezero.client.simulator.SimulatedWorld",)),
     "Missions": ("The attribute `mission` of a vehicle.", ("jezero.client.mission.Missions",)),
     "Mission and fence files": (
         "`from jezero.mission_files import read_mission`; needs `pip install 'jezero[cli]'`.",

@@ -7,6 +7,7 @@ from typing import Any
 from jezero.aio import JezeroError, Refused, Vehicle, Wheel
 from jezero.schemas.actions import PlanReply
 from jezero.schemas.rows import Action
+from jezero.schemas.simulator import SimulatorState
 from jezero.services.ground_station.web.elements import show_toast
 from jezero.services.ground_station.web.feed import Feed
 from jezero.services.ground_station.web.recordings import PlaybackFeed
@@ -108,6 +109,16 @@ class Commands:
             return await uav.plan(action, **fields)
         except (JezeroError, ValueError) as error:
             return PlanReply(accepted=False, reason=str(error).removeprefix(f"{action.name}: "))
+
+    async def simulate(self, name: str, request: Callable[[Vehicle], Awaitable[SimulatorState]], done: str) -> None:
+        """Change the simulated world, and keep its new state for all pages."""
+
+        async def change(uav: Vehicle) -> None:
+            state = await request(uav)
+            if isinstance(self._feed, Feed):
+                self._feed.simulator = state
+
+        await self._request(f"{name} of the simulator", change, done)
 
     # -- rover --
 

@@ -12,6 +12,7 @@ from jezero.runtime.instance import links_from_environment
 from jezero.schemas.actions import ActionDescription, FeedbackMessage
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.rows import Action, Topic
+from jezero.schemas.simulator import SimulatorState
 from jezero.schemas.terrain import Ground
 from jezero.services.ground_station.goals import GoalView
 from jezero.services.ground_station.growing_map import GrowingMap, MapPlace
@@ -25,6 +26,7 @@ RETRY_S = 1.0
 SILENT_S = 5.0
 """Time without a status after which the keys are asked for the reason, and between two such checks."""
 CONNECT_TIMEOUT_S = 3.0
+SIMULATOR_PERIOD_S = 1.0
 FOLLOW_PERIOD_S = 0.2
 DESCRIPTIONS_RETRY_S = 2.0
 FLIGHT_ORDER = ("takeoff", "go_to", "get_images", "area_coverage", "land_on_spot", "return_home")
@@ -182,6 +184,7 @@ class Feed:
         coverage_map: the map of the images of the goal in charge.
         problem: why there is no connection yet, or why none of the vehicle's messages come over TLS; "" for neither.
         ground: ground of the simulator; None while nobody has looked, and without a simulator.
+        simulator: state of the simulator; None while nobody has looked, and without one.
         ground_version: grows with each reply to a request for the ground, also with one that there is none.
     """
 
@@ -191,6 +194,7 @@ class Feed:
         self.coverage_map = CoverageMap(self.state, self.actions)
         self.vehicle, self.router = vehicle, router
         self.ground: Ground | None = None
+        self.simulator: SimulatorState | None = None
         self.ground_version = 0
         self.problem = f"Connecting to {shown_router(router)} …"
         self._uav: Vehicle | None = None
@@ -247,6 +251,7 @@ class Feed:
         if self._viewers > 0 and not self._watching and self._uav is not None:
             self._watching = [self._reading(topic) for topic in WATCHED]
             self._watching.append(asyncio.create_task(self._ask_for_ground()))
+            self._watching.append(asyncio.create_task(self._follow_simulator()))
         elif self._viewers == 0:
             for task in self._watching:
                 task.cancel()
@@ -265,6 +270,19 @@ class Feed:
                     self.ground = None
                 self.ground_version += 1
             await asyncio.sleep(RETRY_S)
+
+    async def _follow_simulator(self) -> None:
+        """Ask for the simulator's state once a second, where it has shown its ground."""
+        assert self._uav is not None
+        while True:
+            if self.ground is None:
+                self.simulator = None
+            else:
+                try:
+                    self.simulator = await self._uav.simulator.state()
+                except JezeroError:  # it restarts, or these keys may only watch
+                    self.simulator = None
+            await asyncio.sleep(SIMULATOR_PERIOD_S)
 
     async def _check_keys(self) -> None:
         """Find out why no status comes over TLS: the router of this computer hides that its keys are revoked."""

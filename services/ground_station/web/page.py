@@ -29,6 +29,7 @@ from jezero.services.ground_station.web.feed import Feed
 from jezero.services.ground_station.web.fly import FlyPanel
 from jezero.services.ground_station.web.login import Access, AccessBar
 from jezero.services.ground_station.web.recordings import RECORDED, PlaybackBar, PlaybackFeed
+from jezero.services.ground_station.web.simulator_panel import SimulatorPanel
 
 SLOW = 5
 """What changes slowly is updated in every fifth period."""
@@ -214,6 +215,7 @@ class Page:
             self._fly = FlyPanel(self._feed, self._commands, self._map, self._view, self._show_map)
             if isinstance(self._feed, Feed):
                 RoverPanel(self._commands)
+                self._simulator = SimulatorPanel(self._feed, self._commands)
             with ui.element("section").classes("card"):
                 ui.label("Events").classes("card-title")
                 self._events = Events()
@@ -271,6 +273,8 @@ class Page:
         self._events.show(state.event_rows(now_s))
         self._services.show(state.services(now_s))
         self._fly.refresh()
+        if isinstance(self._feed, Feed):
+            self._simulator.refresh()
         self._goal.refresh(now_s, self._which.value == "map")
 
     # -- views --

@@ -297,12 +297,12 @@ def test_feedback_on_the_topic_is_the_clients_feedback() -> None:
 def test_the_health_tells_what_the_server_does() -> None:
     world = World()
     node = world.bus._ports["go_to"].node
-    assert node.health(0, 0.0).text == "ready for a goal"
+    assert node.health(0, 0.0, 0).text == "ready for a goal"
     world.flying()
-    assert node.health(0, 0.0).text == "flying a goal"
+    assert node.health(0, 0.0, 0).text == "flying a goal"
     world.bridge.mute_status = True
     world.bus.run_for(1.5)
-    assert node.health(0, 0.0).state == "degraded"
+    assert node.health(0, 0.0, 0).state == "degraded"
 
 
 def test_the_same_seed_gives_the_same_bytes() -> None:
