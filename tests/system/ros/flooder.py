@@ -1,8 +1,9 @@
-"""Floods a bridge until it is killed: `flooder.py NAMESPACE requests|images`, in a ROS environment.
+"""Floods a bridge from its first line of input until it is killed: `flooder.py NAMESPACE requests|images`.
 
 `requests`: goal poses, goals, services and parameters, as many as the processor gives. Each would do no harm if it came
 once: the goals are refused while another one flies, the rest confirms nothing and changes nothing. `images`: a hundred
-subscribers. Prints how many of each kind were sent and received, once a second.
+subscribers. Runs in a ROS environment. Prints a line when it is ready, then how many of each kind were sent and
+received, once a second.
 """
 
 import json
@@ -85,6 +86,8 @@ def main() -> None:
         while not all(each.get_publisher_count() for each in images):
             rclpy.spin_once(node, timeout_sec=0.1)
         counts["subscribers"] = len(images)
+    print("{}", flush=True)
+    sys.stdin.readline()
     shown_s = 0.0
     while True:
         if flood is not None:

@@ -6,8 +6,8 @@ import subprocess
 import threading
 import time
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from math import isclose, isnan
 from pathlib import Path
 from typing import Any
@@ -111,11 +111,21 @@ def assert_same(made: Any, seen: Any, where: str) -> None:
             assert_same(a, b, f"{where}[{i}]")
 
 
+def assert_same_as_one(made: Sequence[Any], seen: Any, where: str, compare: Callable[[Any, Any, str], None]) -> None:
+    """Compare what arrived with all that was made at its time: a busy vehicle has several statuses of one time."""
+    assert made, where
+    for each in made[:-1]:
+        with suppress(AssertionError):
+            compare(each, seen, where)
+            return
+    compare(made[-1], seen, where)
+
+
 class Published:
     """What the vehicle publishes, by source and time."""
 
     def __init__(self, session: zenoh.Session, vehicle: str) -> None:
-        self.by_time: dict[str, dict[int, Any]] = defaultdict(dict)
+        self.by_time: dict[str, dict[int, list[Any]]] = defaultdict(lambda: defaultdict(list))
         self.info: CameraInfo | None = None
         for row in {row.source.name: row for row in ROWS if row.source.name != "health/*"}.values():
             self._keep(session, vehicle, row)
@@ -126,7 +136,7 @@ class Published:
             message = decode(row.source.type, data_of(sample))
             if isinstance(message, CameraFrame):  # a minute of whole images has a gigabyte
                 message = msgspec.structs.replace(message, pixels=message.pixels[:IMAGE_BYTES])
-            self.by_time[row.source.name][message.t_ns] = message
+            self.by_time[row.source.name][message.t_ns].append(message)
 
         session.declare_subscriber(key(vehicle, row.source.name), on_sample)
 
@@ -173,12 +183,11 @@ def check_every_topic(stack: Stack, ros: Ros) -> None:
         by_time = published.by_time[row.source.name]
         for message in messages:
             sec, nanosec = stamp_of(message)
-            source = by_time.get(sec * 1_000_000_000 + nanosec)
-            if source is None:
+            found = by_time.get(sec * 1_000_000_000 + nanosec)
+            if found is None:
                 continue
-            made = row.convert(source, context)
-            assert made is not None
-            assert_same(made, message, row.name)
+            made = [each for each in (row.convert(source, context) for source in found) if each is not None]
+            assert_same_as_one(made, message, row.name, assert_same)
             compared += 1
         assert compared >= COMPARED_MIN, f"{row.name}: {compared} of {len(messages)} compared"
     check_bag(stack, seen)
@@ -214,22 +223,28 @@ def check_bag(stack: Stack, seen: Mapping[str, list[dict[str, Any]]]) -> None:
     vehicle = stack.instance.vehicle
     words = ("recording", "export", str(stack.run_dir), "--rosbag2", str(bag), "--no-images", "--vehicle", vehicle)
     stack.jezero(*words, timeout_s=EXPORT_TIMEOUT_S)
-    live = {
-        (topic, stamp_of(message)): message
-        for topic, messages in seen.items()
-        for message in messages
-        if topic.startswith(f"/{vehicle}/") and "header" in message and "camera/" not in topic and "path" not in topic
-    }
+    live: dict[tuple[str, tuple[int, int]], list[dict[str, Any]]] = defaultdict(list)
+    for topic, messages in seen.items():
+        for each in messages:
+            if topic.startswith(f"/{vehicle}/") and "header" in each and "camera/" not in topic and "path" not in topic:
+                live[topic, stamp_of(each)].append(each)
     compared: Counter[str] = Counter()
     with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
         for connection, _, data in reader.messages():
             message: Any = reader.deserialize(data, connection.msgtype)
             stamp = getattr(getattr(message, "header", None), "stamp", None)
             if stamp is not None and (connection.topic, (stamp.sec, stamp.nanosec)) in live:
-                assert_same_as_bag(message, live[connection.topic, (stamp.sec, stamp.nanosec)], connection.topic)
+                arrived = live[connection.topic, (stamp.sec, stamp.nanosec)]
+                assert_same_as_one(
+                    arrived, message, connection.topic, lambda a, b, name: assert_same_as_bag(b, a, name)
+                )
                 compared[connection.topic] += 1
     assert compared[f"/{vehicle}/odometry"] >= COMPARED_MIN
     assert compared[f"/{vehicle}/rover/odometry"] >= COMPARED_MIN
+
+
+def bag_is_same(seen: Any, made: Any, where: str) -> None:
+    assert_same_as_bag(made, seen, where)
 
 
 def assert_same_as_bag(made: Any, seen: Any, where: str) -> None:

@@ -5,7 +5,7 @@ import os
 import subprocess
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -28,11 +28,11 @@ from tests.system.ros.test_bridge import START_TIMEOUT_S, running_bridge
 
 pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("ros"), pytest.mark.timeout(1200)]
 FLOODER = Path(__file__).with_name("flooder.py")
-NICE = ("nice", "-n", "19")
+NICE = ("setsid", "sh", "-c", 'echo 10 2>&- > /proc/self/autogroup; exec nice -n 10 "$@"', "nice")
 """ROS gets few of the processors, as if it were on another computer: this test asks what reaches the vehicle through
-the bridge, not who gets a processor. Where Linux groups processes by their session, which desktops do, `nice` ranks
-them in their session only; but then bridge and flood, which are in the session of the tests, get together as much as
-each process of the stack, which has a session of its own. Source: sched(7), the autogroup feature."""
+the bridge, not who gets a processor. Where Linux groups processes by their session, which desktops do, `nice` alone
+ranks them in their session only, and each process of the stack has a session of its own. Source: sched(7), the
+autogroup feature."""
 HEIGHT_M, AWAY_M, SPEED_MPS = 3.0, 20.0, 0.6
 RATE_SHARE_MIN, LATE_MORE_MAX, SLOWER_MAX, OFF_LINE_MORE_MAX_M = 0.9, 0.05, 1.05, 0.2
 LATE_PERIODS = 3.0
@@ -103,8 +103,8 @@ class Flight:
         return f"{flown}, {', '.join(rates)}; processors: {cpu}"
 
 
-def fly(stack: Stack, uav: Vehicle, flood: AbstractContextManager[Any]) -> Flight:
-    """Fly to the north; the flood begins when the goal has."""
+def fly(stack: Stack, uav: Vehicle, flood: AbstractContextManager[Callable[[], None]]) -> Flight:
+    """Fly to the north; the flood, which is ready, begins when the goal has."""
     uav.go_to(0.0, 0.0, -HEIGHT_M).result(START_TIMEOUT_S)
     flight = Flight(messages={topic.name: [] for topic in WATCHED})
 
@@ -114,22 +114,22 @@ def fly(stack: Stack, uav: Vehicle, flood: AbstractContextManager[Any]) -> Fligh
 
         session.declare_subscriber(key(stack.instance.vehicle, topic.name), on_sample)
 
-    with zenoh.open(client_config(stack.bus)) as session:
+    with zenoh.open(client_config(stack.bus)) as session, flood as begin:
         for topic in WATCHED:
             watch(topic)
         goal = uav.go_to(AWAY_M, 0.0, -HEIGHT_M, speed_mps=SPEED_MPS)
         flight.goal_id = goal.goal_id
-        with flood:
-            waiting, begin_s = ProcessorWait(stack.processes_cached.values()), time.monotonic()
-            before_s = {name: cpu_s(pid) for name, pid in stack.processes_cached.items()}
-            try:
-                goal.result(START_TIMEOUT_S)
-            except JezeroError as error:
-                raise AssertionError(f"{error}; the stack waited {waiting.seconds():.0f} s for processors") from error
-            flight.waited_s = waiting.seconds()
-            flight.watched_s = time.monotonic() - begin_s
-            after_s = {name: cpu_s(pid) for name, pid in stack.processes_cached.items()}
-            flight.cpu = {name: (after_s[name] - before_s[name]) / flight.watched_s for name in after_s}
+        begin()
+        waiting, begin_s = ProcessorWait(stack.processes_cached.values()), time.monotonic()
+        before_s = {name: cpu_s(pid) for name, pid in stack.processes_cached.items()}
+        try:
+            goal.result(START_TIMEOUT_S)
+        except JezeroError as error:
+            raise AssertionError(f"{error}; the stack waited {waiting.seconds():.0f} s for processors") from error
+        flight.waited_s = waiting.seconds()
+        flight.watched_s = time.monotonic() - begin_s
+        after_s = {name: cpu_s(pid) for name, pid in stack.processes_cached.items()}
+        flight.cpu = {name: (after_s[name] - before_s[name]) / flight.watched_s for name in after_s}
     flight.end()
     return flight
 
@@ -146,31 +146,39 @@ class Flood:
     def __init__(self, process: "subprocess.Popen[str]") -> None:
         self._process = process
         self.counts: dict[str, int] = {}
-        self.flowing = threading.Event()
+        self.ready, self.flowing = threading.Event(), threading.Event()
         self.reader = threading.Thread(target=self._read, daemon=True)
         self.reader.start()
 
     def _read(self) -> None:
         assert self._process.stdout is not None
         for line in self._process.stdout:
+            self.ready.set()
             self.counts = json.loads(line)
             if self.counts:
                 self.flowing.set()
 
+    def begin(self) -> None:
+        assert self._process.stdin is not None
+        self._process.stdin.write("\n")
+        self._process.stdin.flush()
+        assert self.flowing.wait(START_TIMEOUT_S), "the flood does not flow"
+
 
 @contextmanager
-def flooded(stack: Stack, ros: Ros, what: str, counts: dict[str, int]) -> Iterator[None]:
-    """A flood that flows; `counts` gets how much of it there was."""
+def flooded(stack: Stack, ros: Ros, what: str, counts: dict[str, int]) -> Iterator[Callable[[], None]]:
+    """What begins a flood that is ready; `counts` gets how much of it there was."""
     with subprocess.Popen(
         [*NICE, ros.python, str(FLOODER), stack.instance.vehicle, what],
         env=ros.environment(stack.environment),
+        stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
     ) as process:
         flood = Flood(process)
         try:
-            assert flood.flowing.wait(START_TIMEOUT_S), "the flood does not flow"
-            yield
+            assert flood.ready.wait(START_TIMEOUT_S), "the flood is not ready"
+            yield flood.begin
         finally:
             process.kill()
             flood.reader.join()
@@ -190,7 +198,7 @@ def uav(shared_stack: Stack) -> Iterator[Vehicle]:
 @pytest.fixture(scope="module")
 def alone(shared_stack: Stack, uav: Vehicle) -> Flight:
     """The flight without a bridge."""
-    return fly(shared_stack, uav, nullcontext())
+    return fly(shared_stack, uav, nullcontext(lambda: None))
 
 
 @pytest.mark.parametrize("what", ["requests", "images"])
