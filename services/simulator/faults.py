@@ -14,11 +14,12 @@ import msgspec
 import numpy as np
 
 from jezero.base.frames import Vec3, add, geodetic_from_ned, rotate_yaw, wrap_pi
+from jezero.base.vehicle_config import PlanetConfig
 from jezero.schemas import sensors as messages
 from jezero.schemas.simulator import FAULTS, ActiveFault, FaultKind, FaultUnit, SetFault
 from jezero.schemas.units import NS_PER_S
 from jezero.services.simulator.noise import generator
-from jezero.services.simulator.sensors import altitude_pressure_m
+from jezero.services.simulator.sensors import pressure_pa
 
 DELAY_NS = 500_000_000
 """Additional delay of a delayed sensor's readings."""
@@ -28,7 +29,7 @@ SHARE_LOST = 0.7
 """Share of an intermittent sensor's readings that are lost."""
 SHIFT_GNSS_NED_M: Vec3 = (20.0, 0.0, 0.0)
 TURN_MAG_RAD = radians(45.0)
-ERROR_PRESSURE_PA = 120.0
+ERROR_ALTITUDE_M = -10.0
 ERROR_RANGE_M = 1.0
 ERROR_YAW_ROVER_RAD = 0.5
 ERROR_ACC_FRD_MPS2: Vec3 = (1.0, 0.0, 0.0)
@@ -36,6 +37,7 @@ ERROR_GYRO_FRD_RPS: Vec3 = (0.1, 0.0, 0.0)
 """Errors of sensors that are wrong."""
 GARBAGE_ACC_MPS2, GARBAGE_GYRO_RPS, GARBAGE_GAUSS = 100.0, 20.0, 1.0
 """Greatest components of garbage."""
+GARBAGE_ALTITUDES_M = (-300.0, 5000.0)
 INSTANCES: dict[FaultUnit, str] = {"motor": "motors", "uwb": "anchors"}
 """Units that have several instances."""
 OF_ONE_ANCHOR: tuple[FaultKind, ...] = ("off", "stuck", "garbage", "wrong")
@@ -59,14 +61,16 @@ class InjectedFaults:
 
     Args:
         seed: seed of lost and garbled readings.
+        planet: whose air the barometer measures.
         instances: number of instances of the units that have several.
 
     Attributes:
         any: whether there is one, which is cheap to ask in every step.
     """
 
-    def __init__(self, seed: int, instances: dict[FaultUnit, int]) -> None:
+    def __init__(self, seed: int, planet: PlanetConfig, instances: dict[FaultUnit, int]) -> None:
         self.any = False
+        self._planet = planet
         self._instances = instances
         self._rng = generator(seed, "injected faults")
         self._faults: dict[tuple[FaultUnit, int], _Fault] = {}
@@ -142,8 +146,18 @@ class InjectedFaults:
         kind = fault.shown.kind
         if kind == "stuck":
             return cast(R, msgspec.structs.replace(fault.first, t_ns=reading.t_ns))
+        if unit == "baro" and kind in ("wrong", "garbage"):
+            return cast(R, self._wrong_pressure(reading, kind))
         change = (WRONG if kind == "wrong" else GARBAGE if kind == "garbage" else {}).get(unit)
         return reading if change is None else cast(R, change(reading, self._rng))
+
+    def _wrong_pressure(self, reading: messages.Barometer, kind: FaultKind) -> messages.Barometer:
+        """The reading at another altitude: with a constant error, or anywhere."""
+        altitude_m = reading.altitude_pressure_m + ERROR_ALTITUDE_M
+        if kind == "garbage":
+            altitude_m = float(self._rng.uniform(*GARBAGE_ALTITUDES_M))
+        wrong_pa = pressure_pa(altitude_m, self._planet)
+        return msgspec.structs.replace(reading, pressure_pa=wrong_pa, altitude_pressure_m=altitude_m)
 
     def vector(self, unit: FaultUnit, value: Vec3) -> Vec3:
         """What accelerometer or gyroscope measures in place of its model's value."""
@@ -204,11 +218,6 @@ def _garbled_fix(reading: messages.Gnss, rng: Random) -> messages.Gnss:
     )
 
 
-def _with_pressure(reading: messages.Barometer, pressure_pa: float) -> messages.Barometer:
-    altitude_m = altitude_pressure_m(pressure_pa)
-    return msgspec.structs.replace(reading, pressure_pa=pressure_pa, altitude_pressure_m=altitude_m)
-
-
 def _turned(reading: messages.Magnetometer, rng: Random) -> messages.Magnetometer:
     return msgspec.structs.replace(reading, field_frd_gauss=rotate_yaw(reading.field_frd_gauss, TURN_MAG_RAD))
 
@@ -219,7 +228,6 @@ def _odometry(reading: messages.RoverOdometry, yaw_rad: float, speed_mps: float)
 
 WRONG: dict[FaultUnit, Callable[[Any, Random], Any]] = {
     "gps": _shifted,
-    "baro": lambda reading, rng: _with_pressure(reading, reading.pressure_pa + ERROR_PRESSURE_PA),
     "mag": _turned,
     "distance_sensor": lambda reading, rng: (
         reading
@@ -232,7 +240,6 @@ WRONG: dict[FaultUnit, Callable[[Any, Random], Any]] = {
 }
 GARBAGE: dict[FaultUnit, Callable[[Any, Random], Any]] = {
     "gps": _garbled_fix,
-    "baro": lambda reading, rng: _with_pressure(reading, float(rng.uniform(50_000.0, 105_000.0))),
     "mag": lambda reading, rng: msgspec.structs.replace(reading, field_frd_gauss=_random_vector(rng, GARBAGE_GAUSS)),
     "distance_sensor": lambda reading, rng: msgspec.structs.replace(reading, range_m=float(rng.uniform(0.1, 40.0))),
     "rover_odometry": lambda reading, rng: _odometry(

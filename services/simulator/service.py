@@ -118,7 +118,9 @@ class Simulator:
         self._uwb = sensors.UwbModel(config.uwb, vehicle.uwb, seed)
         self._odometry = sensors.RoverOdometryModel(config.rover_odometry, seed)
         self._faults = InjectedFaults(
-            seed, {"motor": len(vehicle.airframe.pos_rotors_frd_m), "uwb": len(vehicle.uwb.pos_anchors_rover_body_m)}
+            seed,
+            vehicle.planet,
+            {"motor": len(vehicle.airframe.pos_rotors_frd_m), "uwb": len(vehicle.uwb.pos_anchors_rover_body_m)},
         )
         self._t_ns = 0
         """Vehicle time of the last step in which the world moved."""

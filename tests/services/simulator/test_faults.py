@@ -7,6 +7,7 @@ import pytest
 
 from jezero.base.frames import ned_from_geodetic
 from jezero.base.mavlink import dialect
+from jezero.base.vehicle_config import PlanetConfig
 from jezero.schemas import topics
 from jezero.schemas.rows import Topic
 from jezero.schemas.sensors import Altimeter
@@ -72,7 +73,7 @@ UNITS: list[FaultUnit] = [unit for unit in TOPICS if unit != "camera"]
 WRONG: dict[FaultUnit, tuple[float, float]] = {
     "gps": (20.0, 0.5),
     "mag": (0.165, 0.02),
-    "baro": (120.0, 5.0),
+    "baro": (113.4, 5.0),
     "uwb": (2.0, 0.1),
     "rover_odometry": (0.5, 0.05),
 }
@@ -125,7 +126,7 @@ def test_wrong_adds_an_error_until_ok(bench: ControlBench, unit: FaultUnit) -> N
 
 
 def test_a_wrong_altimeter_measures_a_metre_more_and_keeps_what_met_nothing() -> None:
-    faults = InjectedFaults(1, INSTANCES)
+    faults = InjectedFaults(1, PlanetConfig(), INSTANCES)
     faults.set(SetFault(unit="distance_sensor", kind="wrong"), 0)
     assert faults.reading("distance_sensor", Altimeter(t_ns=1, range_m=4.0)).range_m == 5.0
     assert faults.reading("distance_sensor", Altimeter(t_ns=1, range_m=None)).range_m is None

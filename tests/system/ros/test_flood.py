@@ -80,7 +80,8 @@ class Flight:
         assert topic.rate_hz is not None
         late_s = LATE_PERIODS / topic.rate_hz
         gaps_s = [(b.t_ns - a.t_ns) * 1e-9 for a, b in pairwise(self.messages[topic.name])]
-        return sum(gap_s for gap_s in gaps_s if gap_s > late_s) / sum(gaps_s)
+        late_gaps_s: float = sum(gap_s for gap_s in gaps_s if gap_s > late_s)
+        return late_gaps_s / float(sum(gaps_s))
 
     def gap_s(self, topic: Topic[Any]) -> float:
         return float(max(b.t_ns - a.t_ns for a, b in pairwise(self.messages[topic.name]))) * 1e-9
