@@ -146,7 +146,7 @@ class InjectedFaults:
         kind = fault.shown.kind
         if kind == "stuck":
             return cast(R, msgspec.structs.replace(fault.first, t_ns=reading.t_ns))
-        if unit == "baro" and kind in ("wrong", "garbage"):
+        if isinstance(reading, messages.Barometer) and kind in ("wrong", "garbage"):
             return cast(R, self._wrong_pressure(reading, kind))
         change = (WRONG if kind == "wrong" else GARBAGE if kind == "garbage" else {}).get(unit)
         return reading if change is None else cast(R, change(reading, self._rng))
