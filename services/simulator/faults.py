@@ -147,7 +147,7 @@ class InjectedFaults:
         if kind == "stuck":
             return cast(R, msgspec.structs.replace(fault.first, t_ns=reading.t_ns))
         if isinstance(reading, messages.Barometer) and kind in ("wrong", "garbage"):
-            return cast(R, self._wrong_pressure(reading, kind))
+            return self._wrong_pressure(reading, kind)
         change = (WRONG if kind == "wrong" else GARBAGE if kind == "garbage" else {}).get(unit)
         return reading if change is None else cast(R, change(reading, self._rng))
 
