@@ -147,7 +147,8 @@ class InjectedFaults:
         if kind == "stuck":
             return cast(R, msgspec.structs.replace(fault.first, t_ns=reading.t_ns))
         if isinstance(reading, messages.Barometer) and kind in ("wrong", "garbage"):
-            return self._wrong_pressure(reading, kind)
+            wrong: Any = self._wrong_pressure(reading, kind)
+            return cast(R, wrong)
         change = (WRONG if kind == "wrong" else GARBAGE if kind == "garbage" else {}).get(unit)
         return reading if change is None else cast(R, change(reading, self._rng))
 
