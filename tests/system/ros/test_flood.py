@@ -79,7 +79,7 @@ class Flight:
         """Share of the flight's time in gaps that are longer than `LATE_PERIODS`."""
         assert topic.rate_hz is not None
         late_s = LATE_PERIODS / topic.rate_hz
-        gaps_s = [(b.t_ns - a.t_ns) * 1e-9 for a, b in pairwise(self.messages[topic.name])]
+        gaps_s: list[float] = [(b.t_ns - a.t_ns) * 1e-9 for a, b in pairwise(self.messages[topic.name])]
         return sum(gap_s for gap_s in gaps_s if gap_s > late_s) / sum(gaps_s)
 
     def gap_s(self, topic: Topic[Any]) -> float:
