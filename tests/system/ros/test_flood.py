@@ -79,9 +79,8 @@ class Flight:
         """Share of the flight's time in gaps that are longer than `LATE_PERIODS`."""
         assert topic.rate_hz is not None
         late_s = LATE_PERIODS / topic.rate_hz
-        gaps_s = [(b.t_ns - a.t_ns) * 1e-9 for a, b in pairwise(self.messages[topic.name])]
-        late_gaps_s: float = sum(gap_s for gap_s in gaps_s if gap_s > late_s)
-        return late_gaps_s / float(sum(gaps_s))
+        gaps_s: list[float] = [(b.t_ns - a.t_ns) * 1e-9 for a, b in pairwise(self.messages[topic.name])]
+        return sum(gap_s for gap_s in gaps_s if gap_s > late_s) / sum(gaps_s)
 
     def gap_s(self, topic: Topic[Any]) -> float:
         return float(max(b.t_ns - a.t_ns for a, b in pairwise(self.messages[topic.name]))) * 1e-9
@@ -209,12 +208,15 @@ def test_a_flooded_bridge_is_nothing_to_the_vehicle(
     with running_bridge(shared_stack, ros_with_interfaces, "--commands", before=NICE):
         counts: dict[str, int] = {}
         flight = fly(shared_stack, uav, flooded(shared_stack, ros_with_interfaces, what, counts))
-        uav.hover()
+    uav.hover()  # the bridge, which has ended, may have passed on a goal that waited in it
     shown = f"the flood: {counts}; without: {alone}; with: {flight}"
     print(shown)
     assert flight.watched_s > FLOODED_MIN_S, f"the flood began late; {shown}"
     for topic in WATCHED:
-        assert flight.rate_hz(topic) > RATE_SHARE_MIN * alone.rate_hz(topic), f"{topic.name}; {shown}"
+        # A topic of the wall's clock comes more often in vehicle time where that is slow.
+        assert topic.rate_hz is not None
+        rate_hz = min(alone.rate_hz(topic), topic.rate_hz)
+        assert flight.rate_hz(topic) > RATE_SHARE_MIN * rate_hz, f"{topic.name}; {shown}"
         assert flight.late(topic) < alone.late(topic) + LATE_MORE_MAX, f"{topic.name}; {shown}"
     if what == "requests":
         for name, share in flight.cpu.items():
