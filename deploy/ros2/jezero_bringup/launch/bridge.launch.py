@@ -15,16 +15,26 @@ from launch.substitutions import LaunchConfiguration
 LAYOUT = Path(__file__).parents[1] / "rviz" / "vehicle.rviz"
 LAYOUTS_VEHICLE = "uav1"
 """Vehicle whose topics and frames the layout has."""
+ROVER_ARGUMENTS = {
+    "rover_odometry": "Topic of a ROS rover's nav_msgs/Odometry.",
+    "rover_cmd_vel": "Topic on which the ROS rover is driven.",
+    "rover_driver": "HOST:PORT of jezero's rover_driver.",
+    "rover_heading": "Heading of the odometry's x axis, in degrees clockwise from north.",
+}
 
 
 def bridge(context):
     """The command of the bridge, with the words that the arguments stand for."""
-    value = {name: LaunchConfiguration(name).perform(context) for name in ("vehicle", "router", "commands", "clock")}
+    names = ("vehicle", "router", "commands", "clock", *ROVER_ARGUMENTS)
+    value = {name: LaunchConfiguration(name).perform(context) for name in names}
     words = ["jezero", "ros2", "bridge", "--vehicle", value["vehicle"], "--router", value["router"]]
     if value["commands"] == "true":
         words.append("--commands")
     if value["clock"] == "false":
         words.append("--no-clock")
+    for name in ROVER_ARGUMENTS:
+        if value[name]:
+            words += [f"--{name.replace('_', '-')}", value[name]]
     return [ExecuteProcess(cmd=words, output="screen", sigterm_timeout="10")]
 
 
@@ -44,6 +54,10 @@ def generate_launch_description():
             DeclareLaunchArgument("router", default_value="tcp/127.0.0.1:7447", description="Endpoint of its router."),
             DeclareLaunchArgument("commands", default_value="false", description="Fly by goal_pose and cmd_vel."),
             DeclareLaunchArgument("clock", default_value="true", description="Publish /clock."),
+            *(
+                DeclareLaunchArgument(name, default_value="", description=about)
+                for name, about in ROVER_ARGUMENTS.items()
+            ),
             DeclareLaunchArgument("rviz", default_value="false", description="Open RViz."),
             OpaqueFunction(function=bridge),
             OpaqueFunction(function=rviz, condition=IfCondition(LaunchConfiguration("rviz"))),
