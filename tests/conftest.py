@@ -1,8 +1,13 @@
 """What holds for all tests."""
 
+import os
 import signal
+from collections.abc import Iterator
+
+import pytest
 
 from jezero.base import plugins
+from jezero.base.config import WORLD_VARIABLE
 
 plugins.GROUP = "jezero.actions.none"
 """The actions of packages that are installed beside jezero are left out of what runs in the tests' own process: each of
@@ -16,3 +21,10 @@ def pytest_configure() -> None:
     """
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(autouse=True)
+def no_world_chosen() -> Iterator[None]:
+    """No world is chosen when a test begins: the option `--world` sets the environment of the whole process."""
+    yield
+    os.environ.pop(WORLD_VARIABLE, None)

@@ -55,7 +55,7 @@ EVERYBODY: tuple[Who, ...] = (*MEMBERS, "program", "service")
 PILOTS: frozenset[Who] = frozenset({"pilot", "ground", "program"})
 SERVICES: frozenset[Who] = frozenset({"vehicle", "service"})
 ALL_TOPICS: list[Topic[Any]] = [*TOPICS, health_of("estimator"), journal_of("estimator")]
-PLANES = ("", "@action/", "@control/", "@estimator/", "@fence/", "@mission/", "@preflight/")
+PLANES = ("", "@action/", "@control/", "@estimator/", "@fence/", "@mission/", "@preflight/", "@simulator/")
 
 
 def name_of(endpoint: Endpoint[Any, Any]) -> str:

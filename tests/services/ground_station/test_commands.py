@@ -20,6 +20,8 @@ EXAMPLES: dict[str, Any] = {
     "float": 0.0,
     "collections.abc.Mapping[str, typing.Any]": {"words": "go to", "action": "go_to", "goal_id": "1"},
     "jezero.schemas.rows.Action[typing.Any]": GO_TO,
+    "collections.abc.Callable[[jezero.aio.vehicle.Vehicle], "
+    "collections.abc.Awaitable[jezero.schemas.simulator.SimulatorState]]": lambda uav: uav.simulator.pause(),
 }
 """An argument of each type that commands have."""
 

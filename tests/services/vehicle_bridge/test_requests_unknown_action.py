@@ -7,7 +7,7 @@ from jezero.schemas.topics import ACTIONS, UNKNOWN_ACTION
 from jezero.services.vehicle_bridge.requests import unknown_action_reply
 from tests.services.vehicle_bridge.rig import Rig
 
-KNOWN = "known are takeoff, go_to, get_images, area_coverage, land_on_spot, return_home."
+KNOWN = "known are takeoff, go_to, fly_velocity, get_images, area_coverage, land_on_spot, return_home."
 
 
 def test_a_goal_of_an_action_that_does_not_exist_is_refused_with_those_that_do() -> None:
