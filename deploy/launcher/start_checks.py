@@ -18,9 +18,8 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
-from jezero.base.config import chosen_autopilot, config_directory, load_config
+from jezero.base.config import config_directory
 from jezero.base.router_address import shown_router
-from jezero.base.vehicle_config import VehicleConfig, px4_refusal
 from jezero.deploy.launcher.compose import ComposeService
 from jezero.deploy.launcher.health import HealthWatcher, router_is_up
 from jezero.deploy.launcher.ports import ports_of
@@ -195,9 +194,6 @@ def check_start(
     _raise_open_files_limit()
     if not config_directory().is_dir():
         raise StartError(f"{config_directory()} is no folder: JEZERO_CONFIG_DIR must name the folder of the settings")
-    flies_px4 = "autopilot" in services and chosen_autopilot() == "px4"
-    if flies_px4 and (refusal := px4_refusal(load_config(VehicleConfig, "vehicle"))):
-        raise StartError(refusal)
     others = [name for name in services if name not in OF_COMPUTER]
     if router_runs:
         _check_nobody_runs([*others, REPLAY], replace(instance, router=bus))

@@ -163,12 +163,29 @@ def _read_services(path: Path, profiles: tuple[str, ...], *, linked: bool) -> "d
         raise click.ClickException(f"{path}: {error.strerror if isinstance(error, OSError) else error}") from error
     for refusal in refused_plugins().values():
         click.echo(f"no server for {refusal}", err=True)
+    if "autopilot" in services and (refusal := _autopilot_refusal()):
+        raise click.ClickException(refusal)
     if missing := [needed for name, needed in NEEDS.items() if name in services and not _is_installed(needed)]:
         raise click.ClickException(f"this command {extra_hint(*missing)}")
     if GROUND_STATION in services and not _is_installed("nicegui"):
         del services[GROUND_STATION]
         click.echo("no ground station in the browser, which is an extra: pip install 'jezero[ground]'", err=True)
     return services
+
+
+def _autopilot_refusal() -> str:
+    """Reason why the chosen autopilot can't fly in the chosen world, or ""; without settings too, which the launcher
+    misses in words of its own.
+
+    Raises:
+        ConfigError: the settings are malformed.
+    """
+    from jezero.base.config import chosen_autopilot, config_directory, load_config
+    from jezero.base.vehicle_config import VehicleConfig, px4_refusal
+
+    if not config_directory().is_dir():
+        return ""
+    return px4_refusal(load_config(VehicleConfig, "vehicle")) if chosen_autopilot() == "px4" else ""
 
 
 def _is_installed(package: str) -> bool:
