@@ -2,9 +2,10 @@
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import suppress
-from typing import Any, Generic, Self, TypeVar
+from functools import wraps
+from typing import Any, Concatenate, Generic, ParamSpec, Self, TypeVar
 
 from jezero.aio.arrivals import AsyncArrivals
 from jezero.aio.threads import Threads, in_thread
@@ -12,12 +13,12 @@ from jezero.client import goal as client
 from jezero.client import images, velocity
 from jezero.client.errors import JezeroError, TimedOut
 from jezero.client.images import Picture
-from jezero.client.velocity import FEEDBACK_TIMEOUT_S, STOP_TIMEOUT_S
 from jezero.schemas.goals import ImagesFeedback, ImagesResult, VelocityFeedback, VelocityResult
-from jezero.schemas.units import NS_PER_S
 
 F = TypeVar("F")
 R = TypeVar("R")
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
 class Goal(Generic[F, R]):
@@ -111,6 +112,23 @@ async def cancel_with_task(threads: Threads, goal: "client.Goal[Any, Any]") -> N
         await asyncio.shield(threads.run(goal.cancel))
 
 
+def _canceled_with_task(
+    method: Callable[Concatenate[Any, P], T],
+) -> Callable[Concatenate[Any, P], Coroutine[Any, Any, T]]:
+    """As `in_thread`, for a method in which a goal flies on: a task that is canceled in it cancels the goal."""
+    called = in_thread(method)
+
+    @wraps(method)
+    async def call(self: Goal[Any, Any], /, *args: P.args, **kwargs: P.kwargs) -> T:
+        try:
+            return await called(self, *args, **kwargs)
+        except asyncio.CancelledError:
+            await cancel_with_task(self._threads, self._blocking)
+            raise
+
+    return call
+
+
 class ImagesGoal(Goal[ImagesFeedback, ImagesResult]):
     """A running goal that takes images."""
 
@@ -143,35 +161,8 @@ class VelocityGoal(Goal[VelocityFeedback, VelocityResult]):
         """The newest feedback; None before."""
         return self._blocking.newest
 
-    async def send(
-        self,
-        forward_mps: float = 0.0,
-        right_mps: float = 0.0,
-        up_mps: float = 0.0,
-        yaw_rate_rps: float = 0.0,
-        *,
-        for_s: float | None = None,
-    ) -> None:
-        """Command a velocity; arguments and errors as of `jezero.client.velocity.VelocityGoal.send`."""
-        blocking = self._blocking
-        command = blocking._command(forward_mps, right_mps, up_mps, yaw_rate_rps)
-        blocking._drain()
-        if blocking.newest is None:
-            await self.next_feedback(FEEDBACK_TIMEOUT_S)
-        start_ns = blocking._publish(command)
-        while for_s is not None and blocking._publish(command) - start_ns < for_s * NS_PER_S:
-            await self.next_feedback(FEEDBACK_TIMEOUT_S)
-
-    async def finish(self) -> VelocityResult:
-        """Let the vehicle come to rest; result and errors as of `jezero.client.velocity.VelocityGoal.finish`."""
-        deadline_s = time.monotonic() + STOP_TIMEOUT_S
-        while not self._blocking._ended and time.monotonic() < deadline_s:
-            self._blocking._publish_last()
-            with suppress(TimedOut):
-                await self.next_feedback(FEEDBACK_TIMEOUT_S)
-        if not self._blocking._ended:
-            await self.cancel()
-        return await self.result(STOP_TIMEOUT_S)
+    send = _canceled_with_task(velocity.VelocityGoal.send)
+    finish = in_thread(velocity.VelocityGoal.finish)
 
     async def __aenter__(self) -> Self:
         return self

@@ -5,7 +5,7 @@ From then on the flight is a recording as any other: it can be replayed, drawn a
 
 import sqlite3
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import groupby
@@ -28,7 +28,7 @@ from jezero.recording.viewer_scene import ViewerScene
 from jezero.recording.writer import RecordingWriter
 from jezero.replay.rebuild import SettingError, make_service
 from jezero.runtime.journal import Journal, class_of
-from jezero.runtime.node import Node
+from jezero.runtime.node import Node, SilentTransport
 from jezero.runtime.service import Service
 from jezero.schemas import topics
 from jezero.schemas.rows import Endpoint, Topic
@@ -321,7 +321,7 @@ def _estimator(bag: Path, made_with: dict[str, Any] | None) -> tuple[Service, Ve
     return service, msgspec.convert(made_with["vehicle"], VehicleConfig)
 
 
-class _Player:
+class _Player(SilentTransport):
     """Steps the estimator with a bag's messages, and records both; the transport of its node.
 
     Args:
@@ -382,20 +382,8 @@ class _Player:
         self._writer.write(self._logged_ns, name, data)
         self._counts[name] += 1
 
-    # -- Transport --
-
     def publish(self, topic: Topic[Any], data: bytes) -> None:
         self._record(topic.name, data)
-
-    def reply(self, request_id: int, data: bytes | None, *, final: bool) -> None: ...
-    def call(self, endpoint: Endpoint[Any, Any], data: bytes, call_id: str, timeout_s: float) -> None: ...
-    def send(self, link: str, data: bytes) -> None: ...
-    def subscribe(self, names: frozenset[str]) -> None: ...
-    def set_rate(self, rate_hz: float) -> None: ...
-    def set_pace(self, pace: float) -> None: ...
-    def reconnect(self, link: str) -> None: ...
-    def run_task(self, function: Callable[[], Any], tag: str) -> None: ...
-    def cancel_task(self, tag: str) -> None: ...
 
 
 def _run(messages: Iterator[_Message], player: _Player) -> None:

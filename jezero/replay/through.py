@@ -13,12 +13,11 @@ from jezero.recording.mcap_file import RecordingError
 from jezero.replay.rebuild import OwnClassError, make_service
 from jezero.replay.recorded_images import RecordedImages
 from jezero.runtime.journal import NULL, Journal
-from jezero.runtime.node import Node
+from jezero.runtime.node import Node, SilentTransport
 from jezero.runtime.service import Service
 from jezero.runtime.task import TaskOutcome, execute, pickled, read_outcome
 from jezero.schemas import journal
 from jezero.schemas.journal import AnyEntry, Output
-from jezero.schemas.rows import Endpoint, Topic
 from jezero.schemas.units import NS_PER_S
 
 
@@ -139,7 +138,7 @@ def _not_received(run: ServiceRun, service: Service) -> tuple[str, ...]:
     return tuple(topic.name for topic in service.spec.inputs if topic.name not in received)
 
 
-class _Player:
+class _Player(SilentTransport):
     """A node that gets the recorded inputs; the transport of its node, which sends nothing."""
 
     def __init__(self, run: ServiceRun, service: Service, images: RecordedImages) -> None:
@@ -214,16 +213,6 @@ class _Player:
         return task if isinstance(task, TaskOutcome) else read_outcome(execute(task))
 
     # -- Transport; the journal of the node keeps what is sent --
-
-    def publish(self, topic: Topic[Any], data: bytes) -> None: ...
-    def reply(self, request_id: int, data: bytes | None, *, final: bool) -> None: ...
-    def call(self, endpoint: Endpoint[Any, Any], data: bytes, call_id: str, timeout_s: float) -> None: ...
-    def send(self, link: str, data: bytes) -> None: ...
-    def subscribe(self, names: frozenset[str]) -> None: ...
-    def set_rate(self, rate_hz: float) -> None: ...
-    def set_pace(self, pace: float) -> None: ...
-    def reconnect(self, link: str) -> None: ...
-    def cancel_task(self, tag: str) -> None: ...
 
     def run_task(self, function: Callable[[], Any], tag: str) -> None:
         self._tasks[tag] = pickled(function)

@@ -17,7 +17,8 @@ ACC_FILTER_HZ = 5.0
 """Low-pass filter of the acceleration for the D term."""
 RATE_INTEGRAL_LIMIT_RPS2 = 10.0
 VELOCITY_INTEGRAL_LIMIT_MPS2 = 5.0
-"""In the Earth's gravity; it is a tilt."""
+"""Greatest integral of the velocity loop on the Earth. It holds the vehicle in the wind by a tilt, so that its limit is
+proportional to gravity."""
 
 
 class ControlSetpoint(msgspec.Struct, frozen=True, gc=False):

@@ -2,9 +2,9 @@
 
 The filter holds a rover that stands still, or drives on even ground, to a vertical speed near 0: so a landing on the
 ground is precise. On a deck this would make UWB and tag contradict the estimate. The monitor uses what measures the
-deck directly, not the filter's estimate of it: the rover's IMU, and the height by the tags. (The height by UWB doesn't
-tell: an error that all ranges share changes it as the vehicle moves.) The filter changes its motion model when the deck
-moves.
+deck directly, not the filter's estimate of the deck: the rover's IMU, and the height by the tags. The height by UWB is
+not used: an error that all ranges share changes this height when the vehicle moves. The filter changes its motion model
+when the deck moves.
 """
 
 from collections import deque

@@ -124,8 +124,7 @@ class _Server:
 
     def _on_goal(self, request: Any) -> GoalResponse:
         if reason := self._limit.refusal(time.monotonic()):
-            if self._limit.refused == 1:  # a flood is told once
-                self._refuse(self._name, reason)
+            self._refuse(self._name, reason)
             return GoalResponse.REJECT
         try:
             goal = self._conversion.send(request)

@@ -24,10 +24,8 @@ QUALITY = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Best effort hears both kinds of publishers, and the newest command is the only one of use."""
 PERIOD_S = 0.1
 SILENCE_S = 1.0
-"""After this time without a message the goal ends; the vehicle rests since half a second. The next message is the first
-one of another stream."""
-REFUSAL_PERIOD_S = 2.0
-"""The same refusal is published once in this time, however fast its cause repeats itself."""
+"""The goal ends after this time without a message; the vehicle has stopped after half of this time. The next message is
+the first one of another stream."""
 RELEASE_FIRST = "it flies by the next stream: stop sending for a second, or send a zero once"
 
 
@@ -56,7 +54,6 @@ class CmdVel:
         self._heard_s = -SILENCE_S
         self._has_started = False
         """Whether the present stream has started a goal, or was refused."""
-        self._refused = ("", -REFUSAL_PERIOD_S)
         self._subscription: Any = None
         self._type = ""
         self._group = MutuallyExclusiveCallbackGroup()
@@ -97,7 +94,7 @@ class CmdVel:
                 raise ValueError(refusal)
             self._fly(velocity_from(message.twist if is_stamped else message))
         except (JezeroError, ValueError) as error:
-            self._say(str(error))
+            self._refuse(TOPIC, str(error))
 
     def _fly(self, velocity: Velocity) -> None:
         if self._goal is None:
@@ -110,13 +107,13 @@ class CmdVel:
             try:
                 self._goal = self._uav.fly_velocity()
             except JezeroError as error:
-                self._say(f"{error}; {RELEASE_FIRST}")
+                self._refuse(TOPIC, f"{error}; {RELEASE_FIRST}")
                 return
         try:
             self._goal.send(velocity.forward_mps, velocity.right_mps, velocity.up_mps, velocity.yaw_rate_rps)
         except JezeroError as error:
             self._goal = None
-            self._say(f"{error}; {RELEASE_FIRST}")
+            self._refuse(TOPIC, f"{error}; {RELEASE_FIRST}")
 
     def _end_goal(self, goal: VelocityGoal) -> None:
         """Let the vehicle come to rest, which takes some calls; a new message flies on."""
@@ -125,11 +122,4 @@ class CmdVel:
                 self._goal = None
         except JezeroError as error:
             self._goal = None
-            self._say(str(error))
-
-    def _say(self, reason: str) -> None:
-        before, said_s = self._refused
-        now_s = time.monotonic()
-        if reason != before or now_s - said_s >= REFUSAL_PERIOD_S:
-            self._refused = (reason, now_s)
-            self._refuse(TOPIC, reason)
+            self._refuse(TOPIC, str(error))

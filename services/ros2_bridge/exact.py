@@ -12,8 +12,7 @@ from typing import Any
 import msgspec
 from msgspec import inspect as types
 
-from jezero.schemas.units import NS_PER_S
-from jezero.services.ros2_bridge.geometry import RosMessage, time
+from jezero.services.ros2_bridge.geometry import RosMessage, time, time_ns
 
 PACKAGE = "jezero_interfaces"
 TIME_FIELD, STAMP = "t_ns", "stamp"
@@ -112,11 +111,6 @@ def _rule(name: str, kind: types.Type) -> tuple[str, Any, Callable[[Any], Any], 
         ros, convert = PLAIN[type(kind)]
         return ros, None, convert, convert
     raise NotExactError(f"{name}: there is no rule for {kind}")
-
-
-def time_ns(stamp: Any) -> int:
-    """Vehicle time of a stamp in ROS."""
-    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
 
 
 def type_name(struct: Any) -> str:

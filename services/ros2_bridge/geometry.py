@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from math import cos, pi, sin
 from typing import Any, NamedTuple
 
-from jezero.base.frames import Quat, Vec3, quat_multiply, quat_normalize
+from jezero.base.frames import Quat, Vec3, q_ned_from_frd, quat_multiply, quat_normalize
 from jezero.schemas.units import NS_PER_S
 
 FLU_FROM_FRD: Quat = (0.0, 1.0, 0.0, 0.0)
@@ -55,6 +55,23 @@ def time(t_ns: int) -> RosMessage:
     """Vehicle time as ROS has it."""
     sec, nanosec = divmod(t_ns, NS_PER_S)
     return RosMessage("builtin_interfaces/msg/Time", {"sec": sec, "nanosec": nanosec})
+
+
+def time_ns(stamp: Any) -> int:
+    """Vehicle time of a stamp in ROS."""
+    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
+
+
+def attitude(orientation: Any) -> Quat:
+    """Attitude in NED of a vehicle or a rover, from its orientation in a frame with x east and z up.
+
+    Raises:
+        ValueError: it is no rotation: a message that nobody has filled has a quaternion of zeros.
+    """
+    q: Quat = (float(orientation.w), float(orientation.x), float(orientation.y), float(orientation.z))
+    if not 0.9 < sum(part * part for part in q) < 1.1:
+        raise ValueError("its orientation is no unit quaternion")
+    return q_ned_from_frd(quat_normalize(q))
 
 
 def header(t_ns: int, frame_id: str) -> RosMessage:

@@ -11,12 +11,9 @@ from math import isfinite, sqrt
 from typing import Any
 
 from jezero.base.frames import (
-    Quat,
     Vec3,
     euler_from_quat,
     ned_from_enu,
-    q_ned_from_frd,
-    quat_normalize,
     quat_rotate,
     subtract,
 )
@@ -27,14 +24,14 @@ from jezero.schemas.sensors import Altimeter, RoverOdometry, Uwb, UwbRange
 from jezero.schemas.state import Odometry
 from jezero.schemas.struct import Payload
 from jezero.services.ros2_bridge.conversions import UNKNOWN_M2
-from jezero.services.ros2_bridge.exact import from_exact, time_ns, type_name
-from jezero.services.ros2_bridge.geometry import flu_from_frd
+from jezero.services.ros2_bridge.exact import from_exact, type_name
+from jezero.services.ros2_bridge.geometry import attitude as attitude_of
+from jezero.services.ros2_bridge.geometry import flu_from_frd, time_ns
 from jezero.services.ros2_bridge.rows import EXACT_ROWS, REQUESTS, exact_name
 
 EPOCH_ID = 1
 """Epoch of messages that have none."""
 ANCHOR = re.compile(r"(\d+)$")
-NO_ROTATION = "its orientation is no rotation"
 Convert = Callable[[Any, VehicleConfig], Payload]
 
 
@@ -67,7 +64,7 @@ def _exact(source: Topic[Any] | Endpoint[Any, Any], struct: Any, about: str) -> 
 
 def odometry(m: Any, config: VehicleConfig) -> Odometry:
     """The vehicle's odometry: pose of `base_link` in a frame with x east and z up, twist in `base_link`."""
-    attitude = _attitude(m.pose.pose.orientation)
+    attitude = attitude_of(m.pose.pose.orientation)
     center_enu_m = _vec3(m.pose.pose.position)
     variance_m2 = float(m.pose.covariance[0])
     return Odometry(
@@ -83,7 +80,7 @@ def odometry(m: Any, config: VehicleConfig) -> Odometry:
 
 def rover_odometry(m: Any, config: VehicleConfig) -> RoverOdometry:
     """The rover's odometry: its heading is that of a frame with x east."""
-    roll_rad, pitch_rad, yaw_rad = euler_from_quat(_attitude(m.pose.pose.orientation))
+    roll_rad, pitch_rad, yaw_rad = euler_from_quat(attitude_of(m.pose.pose.orientation))
     return RoverOdometry(
         t_ns=time_ns(m.header.stamp),
         pos_odom_m=(float(m.pose.pose.position.y), float(m.pose.pose.position.x)),
@@ -122,19 +119,6 @@ def single_range(m: Any, config: VehicleConfig) -> Uwb:
 
 def _vec3(v: Any) -> Vec3:
     return (float(v.x), float(v.y), float(v.z))
-
-
-def _attitude(q: Any) -> Quat:
-    """Attitude in NED from an orientation in ENU.
-
-    Raises:
-        ValueError: a message that nobody has filled has a quaternion of zeros.
-    """
-    values = (float(q.w), float(q.x), float(q.y), float(q.z))
-    length_2 = sum(each * each for each in values)
-    if not 0.9 < length_2 < 1.1:
-        raise ValueError(NO_ROTATION)
-    return q_ned_from_frd(quat_normalize(values))
 
 
 ODOMETRY, RANGE = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Range"

@@ -1,9 +1,39 @@
 """How often clients of ROS reach the vehicle: the bridge is one of many clients, whoever floods it."""
 
+import re
+
 REQUESTS_MAX_HZ = 10.0
-"""Of all goals and changes of parameters together, and of each service that ends a goal."""
+"""Greatest rate of all goals and changes of parameters together, and of the requests of each service that ends a
+goal."""
 POSE_PERIOD_S = 0.2
 """Shortest time between two poses of `goal_pose` that are flown to: the newest one is taken."""
+
+
+REFUSAL_PERIOD_S = 2.0
+"""A refusal is published once in this time, however fast its cause repeats itself."""
+NUMBER = re.compile(r"\d[\d.]*")
+
+
+class Refusals:
+    """Decides which refusals are published: of those that differ in their numbers only, one in REFUSAL_PERIOD_S."""
+
+    def __init__(self) -> None:
+        self._published_s: dict[tuple[str, str], float] = {}
+
+    def is_due(self, what: str, reason: str, now_s: float) -> bool:
+        """Whether a refusal is to be published now.
+
+        Args:
+            what: was refused.
+            now_s: time of any clock that never steps.
+        """
+        recent = {key: at_s for key, at_s in self._published_s.items() if now_s - at_s < REFUSAL_PERIOD_S}
+        self._published_s = recent
+        key = what, NUMBER.sub("", reason)
+        if key in recent:
+            return False
+        recent[key] = now_s
+        return True
 
 
 class RequestLimit:
@@ -13,15 +43,11 @@ class RequestLimit:
 
     Args:
         max_hz: requests that pass in one second.
-
-    Attributes:
-        refused: number of requests in a row that did not pass.
     """
 
     def __init__(self, max_hz: float = REQUESTS_MAX_HZ) -> None:
         self._max_hz = max_hz
         self._room, self._last_s = max_hz, 0.0
-        self.refused = 0
 
     def refusal(self, now_s: float) -> str:
         """Why a request that arrives now does not pass; "" for one that does.
@@ -32,8 +58,6 @@ class RequestLimit:
         self._room = min(self._room + (now_s - self._last_s) * self._max_hz, self._max_hz)
         self._last_s = now_s
         if self._room < 1.0:
-            self.refused += 1
             return f"the bridge passes {self._max_hz:g} requests a second"
         self._room -= 1.0
-        self.refused = 0
         return ""

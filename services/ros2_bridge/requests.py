@@ -14,7 +14,7 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from jezero.base.frames import add, ned_from_enu, q_ned_from_frd, quat_normalize, yaw_from_quat
+from jezero.base.frames import add, ned_from_enu, yaw_from_quat
 from jezero.client.errors import JezeroError
 from jezero.client.goal import Goal
 from jezero.client.vehicle import Vehicle
@@ -23,6 +23,7 @@ from jezero.schemas.topics import SET_PARAMETERS
 from jezero.services.ros2_bridge.conversions import Context
 from jezero.services.ros2_bridge.exact import to_exact, type_name
 from jezero.services.ros2_bridge.fields import POINT, RosField, ros_fields
+from jezero.services.ros2_bridge.geometry import attitude
 from jezero.services.ros2_bridge.limits import POSE_PERIOD_S, RequestLimit
 from jezero.services.ros2_bridge.messages import MissingTypesError, build, message_class, quality_of
 from jezero.services.ros2_bridge.rows import ABORT, HOVER, KILL, RETURN_HOME, RosService, exact_name
@@ -221,7 +222,7 @@ class GoalPose:
             target_ned_m = (*target_ned_m[:2], self._uav.odometry().pos_uav_ned_m[2])
         yaw_rad = None
         if any((q.x, q.y, q.z)) or q.w:
-            yaw_rad = yaw_from_quat(q_ned_from_frd(quat_normalize((q.w, q.x, q.y, q.z))))
+            yaw_rad = yaw_from_quat(attitude(q))
         if self._goal is not None and self._uav.status().goal_id == self._goal.goal_id:
             self._goal.modify(target_ned_m=target_ned_m, yaw_rad=yaw_rad)
         else:

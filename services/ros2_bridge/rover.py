@@ -5,9 +5,10 @@ from typing import Any
 
 import msgspec
 
-from jezero.base.frames import Quat, euler_from_quat, norm, q_ned_from_frd, quat_normalize, wrap_pi
+from jezero.base.frames import euler_from_quat, wrap_pi
 from jezero.schemas.commands import RoverCommand
 from jezero.schemas.units import NS_PER_S
+from jezero.services.ros2_bridge.geometry import attitude, time_ns
 
 AGE_MAX_S = 0.3
 """Greatest age of an odometry: a vehicle that lands at 1 m/s on where the rover was would miss it."""
@@ -56,11 +57,8 @@ class RoverReadings:
             raise ValueError("a number of its orientation or twist is NaN or infinite")
         if refusal := self._stamp_refusal(odometry.header.stamp, now_ns) or _doubts(odometry):
             raise ValueError(refusal)
-        if not 0.9 < norm((norm((q.x, q.y, q.z)), q.w, 0.0)) < 1.1:
-            raise ValueError("its orientation is no unit quaternion")
-        # REP 103's attitude, as if its x axis were east; then turned to where that axis points.
-        attitude: Quat = q_ned_from_frd(quat_normalize((q.w, q.x, q.y, q.z)))
-        roll_rad, pitch_rad, yaw_rad = euler_from_quat(attitude)
+        # As if the x axis of its frame were east; then turned to where that axis points.
+        roll_rad, pitch_rad, yaw_rad = euler_from_quat(attitude(q))
         reading = {
             "yaw_rad": wrap_pi(yaw_rad - wrap_pi(EAST_RAD - self._heading_x_rad)),
             "speed_mps": linear.x,
@@ -72,7 +70,7 @@ class RoverReadings:
 
     def _stamp_refusal(self, stamp: Any, now_ns: tuple[int, ...]) -> str:
         """Reason why an odometry is too old, comes from the future, or was overtaken, or ""."""
-        stamp_ns = stamp.sec * NS_PER_S + stamp.nanosec
+        stamp_ns = time_ns(stamp)
         age_s = min(((now - stamp_ns) / NS_PER_S for now in now_ns), key=abs)
         if age_s > AGE_MAX_S:
             return f"it is {age_s:.1f} s old, more than {AGE_MAX_S:g} s"

@@ -23,7 +23,6 @@ from jezero.services.ros2_bridge.messages import build, message_class
 from jezero.services.ros2_bridge.rover import DriveTwists, RoverReadings
 
 PERIOD_S = 0.1
-REFUSAL_PERIOD_S = 2.0
 SILENCE_S = 2.0
 
 
@@ -60,7 +59,6 @@ class RoverBridge:
         self._line = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._line.setblocking(False)
         self._drive, self._driving = DriveTwists(), threading.Lock()
-        self._refused_s = -REFUSAL_PERIOD_S
         self._heard_s = time.monotonic()
         group = MutuallyExclusiveCallbackGroup()
         if topics.odometry:
@@ -105,6 +103,4 @@ class RoverBridge:
             self._say(f"nothing comes on {self._topics.odometry}: does the rover publish nav_msgs/Odometry there?")
 
     def _say(self, reason: str) -> None:
-        if (now_s := time.monotonic()) - self._refused_s >= REFUSAL_PERIOD_S:
-            self._refused_s = now_s
-            self._refuse(f"rover odometry {self._topics.odometry}", reason)
+        self._refuse(f"rover odometry {self._topics.odometry}", reason)

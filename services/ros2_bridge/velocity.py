@@ -5,6 +5,7 @@ from math import isfinite
 from typing import Any
 
 from jezero.schemas.units import NS_PER_S
+from jezero.services.ros2_bridge.geometry import time_ns
 
 TYPES = ("geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped")
 """Types that `cmd_vel` may have in ROS: a topic has one of them, and Nav2 publishes the second since Kilted."""
@@ -58,7 +59,7 @@ def header_refusal(header: Any, frames: tuple[str, ...], t_ns: int | None) -> st
     """
     if header.frame_id and header.frame_id not in frames:
         return f"its frame is {header.frame_id!r}: expected {frames[0]}, or none"
-    stamp_ns = header.stamp.sec * NS_PER_S + header.stamp.nanosec
+    stamp_ns = time_ns(header.stamp)
     if stamp_ns == 0 or t_ns is None:
         return ""
     age_s = (t_ns - stamp_ns) / NS_PER_S

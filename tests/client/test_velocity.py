@@ -1,11 +1,13 @@
 """Flights by velocity of both clients, against a real router and a hand-made server."""
 
+import asyncio
 from math import nan
 
 import pytest
 
 from jezero import Aborted, Refused, TimedOut, Vehicle, aio
 from jezero.client.velocity import VelocityGoal
+from jezero.schemas.actions import CancelReply
 from jezero.schemas.commands import VelocityCommand
 from jezero.schemas.goals import VelocityResult
 from tests.aio.rig import with_vehicle
@@ -106,3 +108,18 @@ def test_the_client_for_asyncio_steers_alike(server: Server, endpoint: str) -> N
     assert fields_of(commands[0]) == ("g", 1.0, 0.0, 0.0, 0.0, False)
     assert [command for command in commands if command.right_mps][-1].t_ns >= commands[0].t_ns + 1e9
     assert commands[-1].is_last
+
+
+def test_a_task_that_is_canceled_while_it_sends_cancels_the_goal(server: Server, endpoint: str) -> None:
+    cancel = "@action/fly_velocity/cancel"
+
+    async def test(uav: aio.Vehicle) -> None:
+        stick = await uav.fly_velocity()
+        with pytest.raises(TimeoutError):
+            async with asyncio.timeout(0.3):
+                await stick.send(1.0, for_s=4.0)
+
+    with steerable(server):
+        server.serve(cancel, CancelReply(canceled=True))
+        with_vehicle(endpoint, server, test)
+    assert cancel in [name for name, *_ in server.asked]

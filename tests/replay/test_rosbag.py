@@ -278,7 +278,9 @@ def test_messages_that_are_not_usable_are_counted_and_named(flight: Path, tmp_pa
              for word in ("--topic", f"{ros}={source}")]  # fmt: skip
     done = run("recording", "import", tmp_path / "worse", tmp_path / "x.mcap", *names)
     assert done.exit_code == 1
-    assert "has no usable message of the vehicle's odometry: /odom: its orientation is no rotation" in done.output
+    assert (
+        "has no usable message of the vehicle's odometry: /odom: its orientation is no unit quaternion" in done.output
+    )
     assert not list(tmp_path.glob("*.mcap*"))
 
 

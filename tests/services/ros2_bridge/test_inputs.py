@@ -116,7 +116,7 @@ def test_a_range_of_an_anchor_that_there_is_not_is_refused(frame: str) -> None:
 def test_an_orientation_that_is_none_is_refused(q: tuple[float, float, float, float]) -> None:
     ros = in_ros(RosMessage("nav_msgs/msg/Odometry", {"header": header(1, "odom")}))
     ros.pose.pose.orientation = SimpleNamespace(**dict(zip("wxyz", q, strict=True)))
-    with pytest.raises(ValueError, match="no rotation"):
+    with pytest.raises(ValueError, match="no unit quaternion"):
         inputs.odometry(ros, CONFIG)
 
 

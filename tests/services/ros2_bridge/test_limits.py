@@ -1,9 +1,10 @@
 """How many requests of a flood pass."""
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jezero.services.ros2_bridge.limits import RequestLimit
+from jezero.services.ros2_bridge.limits import Refusals, RequestLimit
 
 
 def test_of_a_flood_ten_a_second_pass_after_the_first_ten() -> None:
@@ -18,13 +19,19 @@ def test_one_request_a_second_always_passes_and_a_refusal_says_the_limit() -> No
     assert limit.refusal(9.0) == "the bridge passes 1 requests a second"
 
 
-def test_refusals_in_a_row_are_counted_from_the_last_that_passed() -> None:
-    limit = RequestLimit(1.0)
-    found = []
-    for t_s in (1.0, 1.0, 1.0, 2.0, 2.0):
-        limit.refusal(t_s)
-        found.append(limit.refused)
-    assert found == [0, 1, 2, 0, 1]
+def test_a_refusal_that_repeats_itself_is_published_every_two_seconds_whatever_its_numbers_are() -> None:
+    refusals = Refusals()
+    times_s = [0.02 * step for step in range(300)]
+    due_s = [t_s for t_s in times_s if refusals.is_due("cmd_vel", f"its stamp is {0.6 + t_s:.1f} s behind", t_s)]
+    assert due_s == pytest.approx([0.0, 2.0, 4.0], abs=0.03)
+
+
+def test_another_refusal_and_that_of_another_request_are_published_at_once() -> None:
+    refusals = Refusals()
+    assert refusals.is_due("go_to", "take off first", 1.0)
+    assert refusals.is_due("go_to", "the fence is in the way", 1.0)
+    assert refusals.is_due("takeoff", "take off first", 1.0)
+    assert not refusals.is_due("go_to", "take off first", 1.1)
 
 
 @given(st.lists(st.floats(0.0, 0.5), max_size=200))
