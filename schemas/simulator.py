@@ -1,7 +1,7 @@
 """Requests that change the simulated world while it runs, and its state. A real vehicle serves none of them."""
 
 from collections.abc import Mapping
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from msgspec import Meta
 
@@ -14,7 +14,7 @@ FaultUnit = Literal[
 ]  # fmt: skip
 """What may fail: PX4's names (MAVLink FAILURE_UNIT), and jezero's own `uwb`, `rover_odometry` and `camera`."""
 
-_READINGS: tuple[FaultKind, ...] = ("off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent")
+_READINGS: tuple[FaultKind, ...] = get_args(FaultKind)
 FAULTS: Mapping[FaultUnit, tuple[FaultKind, ...]] = {
     "gyro": ("stuck", "garbage", "wrong"),
     "accel": ("stuck", "garbage", "wrong"),

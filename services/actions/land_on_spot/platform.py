@@ -255,7 +255,7 @@ CALM_PREDICTION_S = 1.0
 """The motion of a platform that heaves is predicted for this time at most."""
 STEP_MAX_S = 0.1
 BEGIN_MARGIN_M = 0.5
-"""The descent begins when the vehicle is at most this much above the height of the approach."""
+"""The vehicle is at the height of the approach when it is at most this much above or below it."""
 STALLED_SPEED_RATIO = 0.5
 """The vehicle is stalled while it descends at less than this ratio of the commanded speed."""
 STALLED_HEIGHT_MAX_M = 0.3

@@ -30,6 +30,8 @@ from jezero.services.actions.land_on_spot.landing_watch import LandingWatch, Win
 from jezero.services.actions.land_on_spot.paused_hover import PausedHover, towards
 from jezero.services.actions.land_on_spot.platform import (
     AT_ONCE_BELOW_M,
+    BEGIN_MARGIN_M,
+    COMMIT_M,
     CONTACT_S,
     GAIN_DESCENT_1PS,
     Descent,
@@ -202,10 +204,14 @@ class RoverLanding:
             self._control.reset()
             self._phase = "approach"
         self._search = None
-        if self._phase == "approach" and self._descent.may_begin(platform):
+        refusal = self._deck_refusal(platform)
+        if refusal and platform.height_m > COMMIT_M:
+            self._phase = "approach"  # whose height it climbs to, before it ends: the deck heaves towards the vehicle
+        elif self._phase == "approach" and self._descent.may_begin(platform):
             self._phase = "descent"
         if self._phase == "approach":
-            if reason := self._wind_limit.reason or self._deck_refusal(platform):
+            high = platform.height_m > self._land.height_approach_m - BEGIN_MARGIN_M
+            if reason := self._wind_limit.reason or (refusal if high else ""):
                 return Done("aborted", reason)
             if platform.height_m < CLEAR_M and platform.error_m > self._on_platform_m + BESIDE_MARGIN_M:
                 # Climb first, because the straight way would lead into the rover's side.

@@ -5,7 +5,7 @@ from math import cos, hypot, sin
 from random import Random
 
 from jezero.base.frames import Quat, Vec3, add, scale, subtract
-from jezero.schemas.estimate import Relative, RoverEstimate
+from jezero.schemas.estimate import DeckMotion, Relative, RoverEstimate
 from jezero.schemas.goals import LandOnSpotGoal
 from jezero.schemas.topics import LAND_ON_SPOT
 from jezero.services.actions.config import ActionsConfig
@@ -20,6 +20,12 @@ DECK_NED_M: Vec3 = (5.0, -3.0, -0.5)
 STILL: Vec3 = (0.0, 0.0, 0.0)
 BOTH = LandOnSpotGoal(goal_id="g")
 TAG = LandOnSpotGoal(goal_id="g", use_uwb=False, landing_spot_ned_m=(3.0, -4.0, 0.0))
+
+
+def deck_motion(**fields: float) -> DeckMotion:
+    """Motion of a deck that was observed for half a minute and has not moved, but for the fields given."""
+    still = dict.fromkeys(DeckMotion.__struct_fields__, 0.0)
+    return DeckMotion(**{**still, "observed_s": 30.0, **fields})
 
 
 class Landing:
@@ -39,6 +45,7 @@ class Landing:
         range_m: of the altimeter.
         contradicted: reason for an estimate that its inputs contradict, or "".
         landed: the autopilot detects the ground, whatever the vehicle does.
+        deck: motion of a platform that heaves, as the estimator tells it; the platform itself stands still.
         moves: every move with the time in s and the vehicle's offset from the platform.
     """
 
@@ -70,6 +77,7 @@ class Landing:
         self.silent = False
         self.contradicted = ""
         self.landed = False
+        self.deck: DeckMotion | None = None
         self.q_ned_from_frd: Quat = (1.0, 0.0, 0.0, 0.0)
         self.moves: list[tuple[float, Vec3, Move]] = []
         self._rng = Random(1)
@@ -127,6 +135,7 @@ class Landing:
             vel_rover_ned_mps=add(self.vel_deck_mps, self.vel_rover_error_mps),
             yaw_rover_rad=self.yaw_rad,
             yaw_rate_rover_rps=self.yaw_rate_rps,
+            deck=self.deck,
             use_uwb=self.goal.use_uwb,
             use_tag=self.goal.use_tag,
             fused_t_ns=self._fused_ns,

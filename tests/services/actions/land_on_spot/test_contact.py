@@ -7,7 +7,6 @@ import pytest
 
 from jezero.base.frames import Quat
 from jezero.base.vehicle_config import AirframeConfig, PlanetConfig, PlatformConfig, VehicleConfig
-from jezero.schemas.estimate import DeckMotion
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.land_on_spot.contact import (
     LEAN_S,
@@ -25,6 +24,7 @@ from jezero.services.actions.land_on_spot.contact import (
 )
 from jezero.services.actions.land_on_spot.platform import PlatformState
 from jezero.services.actions.motion.behaviour import VehicleState
+from tests.services.actions.land_on_spot.landing_rig import deck_motion
 
 ROOM_M = 0.3
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
@@ -156,11 +156,6 @@ def test_a_vehicle_that_rests_beside_the_platform_has_not_touched_down_on_it(off
     for step in range(200):
         found.append(detector.update(step * 20_000_000, at_rest, None))
     assert found[-1] is touched_down and not found[0]
-
-
-def deck_motion(**fields: float) -> DeckMotion:
-    still = dict.fromkeys(DeckMotion.__struct_fields__, 0.0)
-    return DeckMotion(**{**still, "observed_s": 30.0, **fields})
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from jezero.base.frames import Vec3
-from jezero.schemas.estimate import DeckMotion, Relative
+from jezero.schemas.estimate import Relative
 from jezero.services.actions.land_on_spot.config import DeckConfig, PlatformControlConfig, RoverLandingConfig
 from jezero.services.actions.land_on_spot.platform import (
     CalmMoment,
@@ -16,6 +16,7 @@ from jezero.services.actions.land_on_spot.platform import (
     deck_refusal,
 )
 from jezero.services.actions.motion.behaviour import VehicleState
+from tests.services.actions.land_on_spot.landing_rig import deck_motion
 
 S = 1_000_000_000
 STILL: Vec3 = (0.0, 0.0, 0.0)
@@ -164,11 +165,6 @@ def test_the_integral_grows_near_the_middle_stays_on_the_way_and_is_left_behind_
 
 
 # -- a platform that heaves ------------------------------------------------------------------------------
-
-
-def deck_motion(**fields: float) -> DeckMotion:
-    still = dict.fromkeys(DeckMotion.__struct_fields__, 0.0)
-    return DeckMotion(**{**still, "observed_s": 30.0, **fields})
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from itertools import pairwise
 from math import hypot, pi
 
 import pytest
+from msgspec.structs import replace
 
 from jezero.base.frames import add, altitude_m, quat_from_euler, subtract
 from jezero.schemas.goals import LandOnSpotGoal
@@ -24,7 +25,16 @@ from jezero.services.actions.land_on_spot.rover_landing import (
     rover_landing_remaining,
 )
 from jezero.services.actions.motion.behaviour import Done, Move, Selection
-from tests.services.actions.land_on_spot.landing_rig import BOTH, CONFIG, DECK_NED_M, DT_S, STILL, TAG, Landing
+from tests.services.actions.land_on_spot.landing_rig import (
+    BOTH,
+    CONFIG,
+    DECK_NED_M,
+    DT_S,
+    STILL,
+    TAG,
+    Landing,
+    deck_motion,
+)
 from tests.services.actions.test_behaviours import plan_of, refusal_of
 
 
@@ -421,3 +431,42 @@ def test_the_rest_of_a_landing_that_uwb_does_not_reach_has_the_time_of_a_search(
     assert rests[0].time_s == pytest.approx(plain[0].time_s)
     beyond_m = hypot(40.0, 6.0) - CONFIG.vehicle.uwb.range_max_m
     assert rests[1].time_s == pytest.approx(plain[1].time_s + ACQUIRE_S + beyond_m / SEARCH_SPEED_MPS)
+
+
+# -- a deck that moves more than is permitted ------------------------------------------------------------
+
+
+def test_a_deck_that_moves_too_much_ends_the_approach_before_the_descent() -> None:
+    landing = Landing(BOTH)
+    landing.deck = deck_motion(climb_significant_mps=1.2)
+    done = landing.run(40.0)
+    assert done is not None and "the platform heaves with 1.20 m/s" in done.reason
+    assert landing.phases == ["approach"]
+
+
+def test_a_deck_that_begins_to_move_too_much_during_the_descent_sends_the_vehicle_up_before_the_landing_ends() -> None:
+    landing = Landing(BOTH)
+    landing.deck = deck_motion()
+    while landing.run(0.1) is None and altitude_m(landing.offset_m[2]) > 1.0:
+        pass
+    assert landing.phases[-1] == "descent"
+    landing.deck = deck_motion(tilt_significant_rad=0.3)
+    done = landing.run(40.0)
+    assert done is not None and (done.outcome, done.then) == ("aborted", "hover")
+    assert "tilts by 17 degrees" in done.reason
+    assert altitude_m(landing.offset_m[2]) > CONFIG.land_on_spot.rover.height_approach_m - 0.6
+
+
+def test_a_vehicle_that_is_about_to_touch_a_deck_lands() -> None:
+    landing = Landing(BOTH)
+    landing.deck = deck_motion()
+    while landing.run(0.02) is None and altitude_m(landing.offset_m[2]) > 0.08:
+        pass
+    landing.deck = deck_motion(tilt_significant_rad=0.3)
+    assert landing.run(40.0) == Done("succeeded", then="disarm")
+
+
+def test_a_forced_landing_is_flown_on_any_deck() -> None:
+    landing = Landing(replace(BOTH, force=True))
+    landing.deck = deck_motion(climb_significant_mps=1.2)
+    assert landing.run(40.0) == Done("succeeded", then="disarm")
