@@ -115,7 +115,7 @@ async def cancel_with_task(threads: Threads, goal: "client.Goal[Any, Any]") -> N
 def _canceled_with_task(
     method: Callable[Concatenate[Any, P], T],
 ) -> Callable[Concatenate[Any, P], Coroutine[Any, Any, T]]:
-    """As `in_thread`, for a method in which a goal flies on: a task that is canceled in it cancels the goal."""
+    """Make a coroutine method as `in_thread` does; a task that is canceled while it waits there cancels its goal."""
     called = in_thread(method)
 
     @wraps(method)

@@ -26,7 +26,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("ros"), pytest.mark.time
 ACTOR = Path(__file__).with_name("actor.py")
 TIMEOUT_S = 180.0
 SILENCE_S = 1.0
-"""After this time without a message on `cmd_vel` a stream is over."""
+"""A stream on `cmd_vel` is over after this time without a message."""
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 """Status of a goal, of action_msgs/GoalStatus."""
 

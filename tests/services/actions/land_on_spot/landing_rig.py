@@ -45,7 +45,7 @@ class Landing:
         range_m: of the altimeter.
         contradicted: reason for an estimate that its inputs contradict, or "".
         landed: the autopilot detects the ground, whatever the vehicle does.
-        deck: motion of a platform that heaves, as the estimator tells it; the platform itself stands still.
+        deck: motion of a platform that heaves, as the estimator has it; the platform itself stands still.
         moves: every move with the time in s and the vehicle's offset from the platform.
     """
 
