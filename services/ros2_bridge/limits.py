@@ -14,21 +14,21 @@ REFUSAL_PERIOD_S = 2.0
 NUMBER = re.compile(r"\d[\d.]*")
 
 
-class Refusals:
-    """Decides which refusals are published: of those that differ in their numbers only, one in REFUSAL_PERIOD_S."""
+class Announcements:
+    """Decides which refusals are announced: of those that differ in their numbers only, one in REFUSAL_PERIOD_S."""
 
     def __init__(self) -> None:
-        self._published_s: dict[tuple[str, str], float] = {}
+        self._announced_s: dict[tuple[str, str], float] = {}
 
     def is_due(self, what: str, reason: str, now_s: float) -> bool:
-        """Whether a refusal is to be published now.
+        """Whether a refusal is to be announced now.
 
         Args:
             what: was refused.
             now_s: time of any clock that never steps.
         """
-        recent = {key: at_s for key, at_s in self._published_s.items() if now_s - at_s < REFUSAL_PERIOD_S}
-        self._published_s = recent
+        recent = {key: at_s for key, at_s in self._announced_s.items() if now_s - at_s < REFUSAL_PERIOD_S}
+        self._announced_s = recent
         key = what, NUMBER.sub("", reason)
         if key in recent:
             return False

@@ -34,7 +34,7 @@ from jezero.services.ros2_bridge.action_servers import serve_actions
 from jezero.services.ros2_bridge.cmd_vel import CmdVel
 from jezero.services.ros2_bridge.conversions import Context
 from jezero.services.ros2_bridge.geometry import RosMessage
-from jezero.services.ros2_bridge.limits import Refusals, RequestLimit
+from jezero.services.ros2_bridge.limits import Announcements, RequestLimit
 from jezero.services.ros2_bridge.messages import MissingTypesError, build, message_class, quality_of
 from jezero.services.ros2_bridge.requests import EstimatorParameters, GoalPose, serve_kill, serve_requests
 from jezero.services.ros2_bridge.rover_node import RoverBridge, RoverTopics
@@ -212,10 +212,10 @@ def serve(
     log = node.get_logger()
     refusals = node.create_publisher(message_class("std_msgs/msg/String"), "refusals", quality_of("state"))
 
-    published = Refusals()
+    announcements = Announcements()
 
     def refuse(what: str, reason: str) -> None:
-        if not published.is_due(what, reason, time.monotonic()):
+        if not announcements.is_due(what, reason, time.monotonic()):
             return
         log.warning(f"{what} was refused: {reason}")
         refusals.publish(build(RosMessage("std_msgs/msg/String", {"data": f"{what}: {reason}"})))

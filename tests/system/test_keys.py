@@ -84,7 +84,7 @@ def test_keys_are_renewed_and_revoked_in_flight_and_the_pilots_goal_goes_on(
 
     with connect(stack, team.bundle("pilot-ana")) as pilot, stack.connect() as local:
         pilot.takeoff(altitude_m=2.0).result(timeout_s=60)
-        goal = pilot.go_to(8.0, 0.0, -3.0, speed_mps=0.5)
+        goal = pilot.go_to(20.0, 0.0, -3.0, speed_mps=0.2)
         team.renew("vehicle-uav1")
         wait_for(lambda: "the keys have changed" in log.read_text(), 10.0, "the new certificate")
         team.revoke("viewer-eye")
@@ -92,7 +92,7 @@ def test_keys_are_renewed_and_revoked_in_flight_and_the_pilots_goal_goes_on(
         assert answer_to_viewer(team.bundle("viewer-eye")).startswith("viewer-eye is revoked: ask the one")
         status = local.status()
         assert (status.name, status.goal_id) == ("GO_TO", goal.goal_id)
-        goal.result(timeout_s=60)
+        pilot.hover()
         pilot.land_on_spot().result(timeout_s=90)
 
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jezero.services.ros2_bridge.limits import Refusals, RequestLimit
+from jezero.services.ros2_bridge.limits import Announcements, RequestLimit
 
 
 def test_of_a_flood_ten_a_second_pass_after_the_first_ten() -> None:
@@ -20,18 +20,18 @@ def test_one_request_a_second_always_passes_and_a_refusal_says_the_limit() -> No
 
 
 def test_a_refusal_that_repeats_itself_is_published_every_two_seconds_whatever_its_numbers_are() -> None:
-    refusals = Refusals()
+    announcements = Announcements()
     times_s = [0.02 * step for step in range(300)]
-    due_s = [t_s for t_s in times_s if refusals.is_due("cmd_vel", f"its stamp is {0.6 + t_s:.1f} s behind", t_s)]
+    due_s = [t_s for t_s in times_s if announcements.is_due("cmd_vel", f"its stamp is {0.6 + t_s:.1f} s behind", t_s)]
     assert due_s == pytest.approx([0.0, 2.0, 4.0], abs=0.03)
 
 
 def test_another_refusal_and_that_of_another_request_are_published_at_once() -> None:
-    refusals = Refusals()
-    assert refusals.is_due("go_to", "take off first", 1.0)
-    assert refusals.is_due("go_to", "the fence is in the way", 1.0)
-    assert refusals.is_due("takeoff", "take off first", 1.0)
-    assert not refusals.is_due("go_to", "take off first", 1.1)
+    announcements = Announcements()
+    assert announcements.is_due("go_to", "take off first", 1.0)
+    assert announcements.is_due("go_to", "the fence is in the way", 1.0)
+    assert announcements.is_due("takeoff", "take off first", 1.0)
+    assert not announcements.is_due("go_to", "take off first", 1.1)
 
 
 @given(st.lists(st.floats(0.0, 0.5), max_size=200))
