@@ -152,6 +152,20 @@ class ActiveFault(Payload, frozen=True, kw_only=True):
     until_t_ns: TimeNs | None = None
 
 
+class ObstaclePlace(Payload, frozen=True, kw_only=True):
+    """Where an obstacle stands, by the box around it.
+
+    Attributes:
+        name: its name, for people.
+        pos_foot_ned_m: middle of the lower side.
+        size_ned_m: its size to the north, to the east and upwards.
+    """
+
+    name: Text
+    pos_foot_ned_m: PositionNed
+    size_ned_m: tuple[NonNegative, NonNegative, NonNegative]
+
+
 class SimulatorState(Payload, frozen=True, kw_only=True):
     """What is in the simulated world. Positions are in the frame of `Truth`: NED, with its origin at the start.
 
@@ -175,6 +189,7 @@ class SimulatorState(Payload, frozen=True, kw_only=True):
         std_gust_mps: standard deviation of each horizontal component of the gusts.
         wind_ned_mps: velocity of the air at the vehicle now.
         faults: faults at work.
+        obstacles: what stands in the terrain.
     """
 
     t_ns: TimeNs
@@ -196,6 +211,7 @@ class SimulatorState(Payload, frozen=True, kw_only=True):
     std_gust_mps: NonNegative
     wind_ned_mps: VelocityNed
     faults: tuple[ActiveFault, ...] = ()
+    obstacles: tuple[ObstaclePlace, ...] = ()
 
 
 class SimulatorReply(Payload, frozen=True, kw_only=True):

@@ -8,6 +8,10 @@ from jezero.schemas.struct import NonNegative, Payload, PositionNed, Text
 
 SIDE_MAX = 128
 ROCKS_MAX = 300
+TRIANGLES_MAX = 500
+OBSTACLES_MAX = 220
+Share = Annotated[float, Meta(ge=0.0, le=1.0)]
+CornerIndex = Annotated[int, Meta(ge=0, lt=3 * TRIANGLES_MAX)]
 HeightMm = Annotated[int, Meta(ge=-100_000, le=100_000)]
 Row = Annotated[tuple[HeightMm, ...], Meta(max_length=SIDE_MAX)]
 
@@ -28,8 +32,26 @@ class Rock(Payload, frozen=True, kw_only=True):
     radius_m: NonNegative
 
 
+class Obstacle(Payload, frozen=True, kw_only=True):
+    """A thing that stands in the terrain, as its triangles.
+
+    A thing of more than 500 triangles comes as the box around it.
+
+    Attributes:
+        name: its name, for people.
+        colour: red, green and blue of all of it, from 0 to 1.
+        pos_corners_ned_m: positions of the corners.
+        triangles: for each triangle the indices of its three corners, counter-clockwise from outside.
+    """
+
+    name: Text
+    colour: tuple[Share, Share, Share]
+    pos_corners_ned_m: Annotated[tuple[PositionNed, ...], Meta(max_length=3 * TRIANGLES_MAX)]
+    triangles: Annotated[tuple[tuple[CornerIndex, CornerIndex, CornerIndex], ...], Meta(max_length=TRIANGLES_MAX)]
+
+
 class Ground(Payload, frozen=True, kw_only=True):
-    """Reply to `GetGround`: heights on a grid of squares, and the rocks.
+    """Reply to `GetGround`: heights on a grid of squares, the rocks, and what else stands in it.
 
     Positions are in the frame of `Truth`: NED with its origin where the vehicle first stood. The world frame differs
     from it by the autopilot's error. Beyond the grid the ground is level, with the height of the grid's edge.
@@ -40,6 +62,7 @@ class Ground(Payload, frozen=True, kw_only=True):
         corner_ned_m: point of the first height of the first row, at height 0.
         heights_mm: heights above the corner's z, positive up; rows to the north, columns to the east.
         rocks: all rocks.
+        obstacles: all other things.
     """
 
     reason: Text = ""
@@ -47,3 +70,4 @@ class Ground(Payload, frozen=True, kw_only=True):
     corner_ned_m: PositionNed = (0.0, 0.0, 0.0)
     heights_mm: Annotated[tuple[Row, ...], Meta(max_length=SIDE_MAX)] = ()
     rocks: Annotated[tuple[Rock, ...], Meta(max_length=ROCKS_MAX)] = ()
+    obstacles: Annotated[tuple[Obstacle, ...], Meta(max_length=OBSTACLES_MAX)] = ()

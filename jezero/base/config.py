@@ -35,6 +35,13 @@ def _shipped_directory() -> Path:
     return Path(import_module("jezero.deploy").__path__[0]) / "config"
 
 
+def settings_path(file: str) -> Path:
+    """Path of a file that a setting names: as it is, in the folder of the settings, or in the one that jezero ships."""
+    path = config_directory() / file
+    shipped = _shipped_directory() / file
+    return shipped if shipped.is_file() and not path.is_file() else path
+
+
 def load_config(kind: type[S], name: str, directory: Path | None = None) -> S:
     """Read `<name>.toml`, and what the chosen world changes in it; missing fields get their defaults.
 

@@ -12,7 +12,7 @@ from jezero.cli.terminal import Printer, connected
 
 if TYPE_CHECKING:
     from jezero.client.simulator import SimulatedWorld
-    from jezero.schemas.simulator import ActiveFault, SimulatorState
+    from jezero.schemas.simulator import ActiveFault, ObstaclePlace, SimulatorState
 
 
 class FaultUnitName(click.ParamType[str]):
@@ -65,7 +65,7 @@ def _change(
 @sim.command()
 @common_options
 def scene(vehicle: str, router: str, as_json: bool) -> None:
-    """Print what is in the world: vehicle, rover, wind, faults, and the speed of vehicle time."""
+    """Print what is in the world: vehicle, rover, obstacles, wind, faults, and the speed of vehicle time."""
     _change(vehicle, router, as_json, "scene", lambda simulator: simulator.state(), _scene)
 
 
@@ -197,8 +197,16 @@ def _scene(state: "SimulatorState") -> str:
             f"rover    {_rover(state)}",
             f"wind     {_wind(state)}",
             f"faults   {_faults(state) or 'none'}",
+            *(f"obstacle {_obstacle(each)}" for each in state.obstacles),
         )
     )
+
+
+def _obstacle(obstacle: "ObstaclePlace") -> str:
+    north_m, east_m, _ = obstacle.pos_foot_ned_m
+    long_m, wide_m, tall_m = obstacle.size_ned_m
+    place = f"{north_m:.2f} m north and {east_m:.2f} m east of the start"
+    return f"{obstacle.name}, {place}, {long_m:.2f} x {wide_m:.2f} m, {tall_m:.2f} m high"
 
 
 def _place(pos_ned_m: tuple[float, float, float], yaw_rad: float) -> str:

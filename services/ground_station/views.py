@@ -236,6 +236,14 @@ def ground_shape(ground: Ground | None) -> dict[str, Any] | None:
         "columns": len(ground.heights_mm[0]),
         "heights_mm": [height for row in ground.heights_mm for height in row],
         "rocks": [[*rock.pos_rock_ned_m, rock.radius_m] for rock in ground.rocks],
+        "obstacles": [
+            {
+                "colour": list(obstacle.colour),
+                "corners": [number for corner in obstacle.pos_corners_ned_m for number in corner],
+                "triangles": [index for triangle in obstacle.triangles for index in triangle],
+            }
+            for obstacle in ground.obstacles
+        ],
     }
 
 

@@ -41,6 +41,73 @@ class OriginConfig(Config, frozen=True, kw_only=True):
         return (self.latitude_deg, self.longitude_deg, self.altitude_m)
 
 
+Share = Annotated[float, Meta(ge=0.0, le=1.0)]
+Size = Annotated[float, Meta(ge=0.01, le=100.0)]
+Height = Annotated[float, Meta(ge=0.0, le=100.0)]
+CONCRETE = (0.62, 0.60, 0.57)
+
+
+class BoxConfig(Config, frozen=True, kw_only=True):
+    """A box that stands on the ground, or hangs above it.
+
+    Attributes:
+        north_m: place of its middle, north of the map's origin.
+        east_m: place of its middle, east of the map's origin.
+        size_m: length, width and height.
+        yaw_rad: direction of its length, clockwise from north.
+        height_m: height of its lower side above the ground at its middle.
+        colour: red, green and blue.
+    """
+
+    north_m: Coordinate
+    east_m: Coordinate
+    size_m: tuple[Size, Size, Size]
+    yaw_rad: Angle = 0.0
+    height_m: Height = 0.0
+    colour: tuple[Share, Share, Share] = CONCRETE
+
+
+class PoleConfig(Config, frozen=True, kw_only=True):
+    """A round pole that stands upright.
+
+    Attributes:
+        north_m: place, north of the map's origin.
+        east_m: place, east of the map's origin.
+        tall_m: height of its top above the ground.
+        radius_m: its radius.
+        colour: red, green and blue.
+    """
+
+    north_m: Coordinate
+    east_m: Coordinate
+    tall_m: Size
+    radius_m: Size = 0.05
+    colour: tuple[Share, Share, Share] = CONCRETE
+
+
+class ModelConfig(Config, frozen=True, kw_only=True):
+    """A model of one's own, such as an object to photograph.
+
+    Attributes:
+        file: glTF (.glb, .gltf), OBJ, STL or PLY, in the folder of the settings or with its whole path.
+        north_m: place of its origin, north of the map's origin.
+        east_m: place of its origin, east of the map's origin.
+        yaw_rad: direction of its front, clockwise from north: of its z axis in glTF and OBJ, whose y axis is up; of its
+            x axis in STL and PLY, whose z axis is up.
+        height_m: height of its origin above the ground.
+        scale: metres in one unit of the file.
+        colour: red, green and blue of a model without colours.
+    """
+
+    file: str
+    north_m: Coordinate
+    east_m: Coordinate
+    yaw_rad: Angle = 0.0
+    height_m: Annotated[float, Meta(ge=-100.0, le=100.0)] = 0.0
+    scale: Annotated[float, Meta(gt=0.0, le=1000.0)] = 1.0
+    colour: tuple[Share, Share, Share] = CONCRETE
+
+
 class TerrainConfig(Config, frozen=True, kw_only=True):
     """Mars-like ground, a square of 127.5 m; beyond it the ground is level.
 
@@ -65,6 +132,9 @@ class TerrainConfig(Config, frozen=True, kw_only=True):
         basin_radius_m: radius of a crater at one place, a fifth as deep as wide from its middle to the rim; 0 for none.
         basin_north_m: place of its middle, north of the map's origin.
         basin_east_m: place of its middle, east of the map's origin.
+        boxes: boxes that stand in it, a table `[[terrain.boxes]]` for each.
+        poles: poles that stand in it, a table `[[terrain.poles]]` for each.
+        models: models from files that stand in it, a table `[[terrain.models]]` for each.
     """
 
     seed: Annotated[int, Meta(ge=0)] = 1
@@ -85,6 +155,9 @@ class TerrainConfig(Config, frozen=True, kw_only=True):
     basin_radius_m: Annotated[float, Meta(ge=0.0, le=50.0)] = 0.0
     basin_north_m: Coordinate = 0.0
     basin_east_m: Coordinate = 0.0
+    boxes: Annotated[tuple[BoxConfig, ...], Meta(max_length=100)] = ()
+    poles: Annotated[tuple[PoleConfig, ...], Meta(max_length=100)] = ()
+    models: Annotated[tuple[ModelConfig, ...], Meta(max_length=20)] = ()
 
 
 class WindConfig(Config, frozen=True, kw_only=True):

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from jezero.base.config import ConfigError, config_directory
+from jezero.base.config import ConfigError, settings_path
 from jezero.base.files import describe_os_error
 
 PIXELS_MAX = 80_000_000
@@ -29,7 +29,7 @@ def read_heights(file: str, middle_m: tuple[float, float], axis_m: Field) -> Fie
     Raises:
         ConfigError: the file can't be used, with the reason.
     """
-    path = config_directory() / file
+    path = settings_path(file)
     try:
         heights_m, pixel_m = _read(path)
     except OSError as error:

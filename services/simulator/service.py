@@ -32,6 +32,7 @@ from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.faults import InjectedFaults
 from jezero.services.simulator.hil import HilPort
 from jezero.services.simulator.noise import generator, normals_of
+from jezero.services.simulator.obstacles import make_obstacles, obstacle_message, obstacle_place
 from jezero.services.simulator.rover import Drive, RoverModel
 from jezero.services.simulator.rover_port import ROVER, RoverPort
 from jezero.services.simulator.schedule import DT_S, STEPS_PER_S, Schedule
@@ -49,6 +50,7 @@ SPEED_WINDOW_NS = NS_PER_S
 PLACED_FLYING_MIN_M = 1.0
 ROVER_CLEARANCE_M, ROVER_CLEARANCE_HEIGHT_M = 1.5, 2.0
 """Distance from the rover's middle, below this height, at which the vehicle would touch it."""
+OBSTACLE_CLEARANCE_M = 1.0
 R = TypeVar("R", messages.Gnss, messages.Barometer, messages.Magnetometer, messages.Altimeter, messages.RoverOdometry)
 EPOCHS_PER_BOOT = 1000
 EPOCH_LIMIT = 2**53
@@ -93,6 +95,7 @@ class Simulator:
         made_with = {"config": config, "vehicle": vehicle, "seed": seed, "boot_id": boot_id}
         self.spec = replace(SPEC, pace=config.pace, made_with=made_with)
         self._terrain = terrain = make_terrain(config.terrain)
+        self._obstacles = make_obstacles(config.terrain, terrain)
         self._config = config
         self._vehicle = vehicle
         self._boot_id = boot_id
@@ -106,7 +109,7 @@ class Simulator:
         self._sea = make_sea(config.rover.sea, seed, vehicle.planet.gravity_mps2)
         self._rover = RoverModel(config.rover, terrain, vehicle.platform.height_m, self._sea)
         self._drive = Drive(config.rover)
-        self._world = World(config, vehicle, terrain, self._rover.state)
+        self._world = World(config, vehicle, terrain, self._rover.state, self._obstacles)
         self._uav = Uav(config, vehicle, DT_S)
         self._wind = WindModel(config.wind, DT_S, normals_of(generator(seed, "wind")))
         self._height_rotor_m = inf
@@ -419,19 +422,26 @@ class Simulator:
 
     def _place_refusal(self, place: control.PlaceBody) -> str:
         """Reason why nothing can be put there; "" where it can."""
-        uav, rover, there = self._world.state.pos_ned_m, self._rover.state.pos_ned_m, self._in_map(place)
-        height_m = self._height_m()
-        too_near = f"at least {ROVER_CLEARANCE_M:g} m are needed between vehicle and rover"
+        there, height_m = self._in_map(place), self._height_m()
+        there_ned_m = (*there, -self._terrain.height_m(*there) - place.height_m)
+        if near := [each.name for each in self._obstacles if each.is_near(there_ned_m, OBSTACLE_CLEARANCE_M)]:
+            return f"{near[0]} is there: at least {OBSTACLE_CLEARANCE_M:g} m are needed around it"
         if place.what == "vehicle":
-            if _apart_m(there, rover) < ROVER_CLEARANCE_M and place.height_m < ROVER_CLEARANCE_HEIGHT_M:
-                return f"the rover is there: {too_near}"
+            near_rover = _apart_m(there, self._rover.state.pos_ned_m) < ROVER_CLEARANCE_M
+            if near_rover and place.height_m < ROVER_CLEARANCE_HEIGHT_M:
+                return f"the rover is there: at least {ROVER_CLEARANCE_M:g} m are needed between vehicle and rover"
             return self._height_refusal(place.height_m, height_m)
         if place.height_m:
             return "the rover stands on the ground: leave the height out"
+        return self._rover_place_refusal(there, height_m)
+
+    def _rover_place_refusal(self, there: tuple[float, float], height_m: float) -> str:
+        """Reason why the rover can't be put to a place on the ground, with the vehicle at a height; "" if it can."""
+        uav, rover = self._world.state.pos_ned_m, self._rover.state.pos_ned_m
         if _apart_m(uav, rover) < ROVER_CLEARANCE_M and 0.2 < height_m < ROVER_CLEARANCE_HEIGHT_M:
             return "the vehicle stands on the rover or lands on it: move the vehicle away first"
         if _apart_m(there, uav) < ROVER_CLEARANCE_M and height_m < ROVER_CLEARANCE_HEIGHT_M:
-            return f"the vehicle is there: {too_near}"
+            return f"the vehicle is there: at least {ROVER_CLEARANCE_M:g} m are needed between vehicle and rover"
         return ""
 
     def _height_refusal(self, height_m: float, present_m: float) -> str:
@@ -477,6 +487,7 @@ class Simulator:
             std_gust_mps=wind.std_gust_mps,
             wind_ned_mps=wind.vel_ned_mps,
             faults=self._faults.active,
+            obstacles=tuple(obstacle_place(each, self._origin_ned_m()) for each in self._obstacles),
         )
 
     def _scene(self, t_ns: int, state: BodyState) -> Scene:
@@ -499,9 +510,15 @@ class Simulator:
 
     def _ground(self) -> Ground:
         """The terrain in the frame of the truth."""
-        start_north_m, start_east_m, start_down_m = self._world.start_ned_m
-        stand_down_m = start_down_m + self._world.height_stand_m
-        return ground_reply(self._terrain, (start_north_m, start_east_m, stand_down_m))
+        origin_ned_m = self._origin_ned_m()
+        return ground_reply(
+            self._terrain, origin_ned_m, tuple(obstacle_message(each, origin_ned_m) for each in self._obstacles)
+        )
+
+    def _origin_ned_m(self) -> Vec3:
+        """Origin of the frame of the truth, in the map."""
+        north_m, east_m, down_m = self._world.start_ned_m
+        return north_m, east_m, down_m + self._world.height_stand_m
 
     def _truth(self, t_ns: int, state: BodyState) -> Truth:
         """True state, in NED with its origin at the start of the vehicle.

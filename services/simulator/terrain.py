@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from jezero.base.config import ConfigError
 from jezero.base.frames import Vec3
-from jezero.schemas.terrain import Ground, Rock
+from jezero.schemas.terrain import Ground, Obstacle, Rock
 from jezero.services.simulator.config import TerrainConfig
 from jezero.services.simulator.heights import read_heights
 from jezero.services.simulator.noise import generator
@@ -238,11 +238,12 @@ REPLY_EVERY = 2
 from the straight line."""
 
 
-def ground_reply(terrain: Terrain, origin_ned_m: Vec3) -> Ground:
+def ground_reply(terrain: Terrain, origin_ned_m: Vec3, obstacles: tuple[Obstacle, ...] = ()) -> Ground:
     """The terrain around another origin: a coarser grid, and the rocks as balls.
 
     Args:
         origin_ned_m: (3,) origin of the reply's frame, in the map.
+        obstacles: what else stands in it, around the same origin.
     """
     north_m, east_m, down_m = origin_ned_m
     heights_mm = np.rint(1000.0 * terrain.heights_m[::REPLY_EVERY, ::REPLY_EVERY]).astype(int)
@@ -256,4 +257,5 @@ def ground_reply(terrain: Terrain, origin_ned_m: Vec3) -> Ground:
             Rock(pos_rock_ned_m=tuple(place), radius_m=radius)
             for place, radius in zip(places_m.tolist(), np.round(radii_m, 3).tolist(), strict=True)
         ),
+        obstacles=obstacles,
     )

@@ -4,10 +4,13 @@ All arguments and results are in the map's NED and the body's FRD.
 """
 
 import weakref
+from collections.abc import Sequence
 from math import cos, sin
 
 import numpy as np
 
+from jezero.base.arrays import Array
+from jezero.base.config import ConfigError
 from jezero.base.frames import (
     Quat,
     Vec3,
@@ -22,6 +25,7 @@ from jezero.base.frames import (
 from jezero.base.vehicle_config import PLATFORM_THICKNESS_M, AirframeConfig, PlatformConfig, VehicleConfig
 from jezero.services.simulator.body import BodyState, RoverState
 from jezero.services.simulator.config import SimulatorConfig, UavConfig
+from jezero.services.simulator.obstacles import StandingObstacle
 from jezero.services.simulator.quiet_pybullet import pybullet
 from jezero.services.simulator.schedule import DT_S, STEPS_PER_S
 from jezero.services.simulator.terrain import HALF_SIDE_M, POINTS, SPACING_M, Terrain
@@ -32,6 +36,7 @@ ROTOR_PLANE_HALF_HEIGHT_M = 0.01
 HEIGHT_ROTOR_PLANE_M = 0.03
 APRON_HALF_WIDTH_M = 2000.0
 FLOOR_HALF_M = 5.0
+CLEAR_OF_OBSTACLES_M = 0.05
 
 
 class World:
@@ -39,6 +44,10 @@ class World:
 
     Args:
         rover: state of the rover at the start.
+        obstacles: what stands in the terrain.
+
+    Raises:
+        ConfigError: the vehicle starts in an obstacle.
 
     Attributes:
         state: state after the last step.
@@ -46,7 +55,15 @@ class World:
         height_stand_m: height of the centre of mass there over the ground or the platform.
     """
 
-    def __init__(self, config: SimulatorConfig, vehicle: VehicleConfig, terrain: Terrain, rover: RoverState) -> None:
+    def __init__(
+        self,
+        config: SimulatorConfig,
+        vehicle: VehicleConfig,
+        terrain: Terrain,
+        rover: RoverState,
+        obstacles: Sequence[StandingObstacle] = (),
+    ) -> None:
+        self._has_water = config.terrain.water_depth_m > 0.0
         self._gravity_mps2 = vehicle.planet.gravity_mps2
         self._client = int(pybullet.connect(pybullet.DIRECT))
         self._disconnect = weakref.finalize(self, pybullet.disconnect, physicsClientId=self._client)
@@ -56,7 +73,12 @@ class World:
         self.state = BodyState((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
         self._rover_id = self._add_rover(vehicle.platform, config.rover.friction_platform, rover)
         self._uav_id = self._add_uav(config.uav, vehicle.airframe)
+        bodies = {self._add_triangles(each.corners_ned_m, config.terrain.friction): each for each in obstacles}
         self._settle(config.uav, vehicle.airframe, terrain, rover)
+        for body, each in bodies.items():
+            touches = pybullet.getClosestPoints(self._uav_id, body, CLEAR_OF_OBSTACLES_M, physicsClientId=self._client)
+            if touches or each.holds(self.start_ned_m):
+                raise ConfigError(f"{each.name} in simulator.toml is where the vehicle starts: move it a metre away")
 
     def close(self) -> None:
         """Free the physics engine; happens by itself when the world is no longer used."""
@@ -79,7 +101,7 @@ class World:
     def range_m(self, mount_frd_m: Vec3, direction_frd: Vec3, range_max_m: float) -> float | None:
         """Distance from a point on the vehicle along a direction to the nearest surface, None beyond the maximum.
 
-        The vehicle's own hull, rotors and feet stop a beam too: a beam starts outside the hull.
+        Water reflects the beam as ground does. The vehicle's own hull, rotors and feet stop a beam too: a beam starts outside the hull.
 
         Args:
             mount_frd_m: start of the beam, from the vehicle's centre of mass.
@@ -93,7 +115,10 @@ class World:
         start_enu_m = enu_from_ned((x, y, z))
         end_enu_m = enu_from_ned((x + beam_ned_m[0], y + beam_ned_m[1], z + beam_ned_m[2]))
         hit = pybullet.rayTest(start_enu_m, end_enu_m, physicsClientId=self._client)[0]
-        return None if hit[0] < 0 else float(hit[2]) * range_max_m
+        share = 1.0 if hit[0] < 0 else float(hit[2])
+        if self._has_water and z < 0.0 < z + beam_ned_m[2]:
+            share = min(share, -z / beam_ned_m[2])  # the water's level is the map's 0
+        return None if share == 1.0 else share * range_max_m
 
     def contact_force_n(self) -> float:
         """Sum of the normal forces on the vehicle in the last step."""
@@ -168,14 +193,18 @@ class World:
 
     def _add_rocks(self, terrain: Terrain, friction: float) -> None:
         """All rocks as one body: each further body, even a fixed one, costs 0.3 us per step."""
+        self._add_triangles(terrain.rock_vertices_ned_m, friction, terrain.rock_faces.ravel().tolist())
+
+    def _add_triangles(self, corners_ned_m: Array, friction: float, indices: list[int] | None = None) -> int:
+        """A fixed body of triangles: three corners after the other, unless there are indices of corners."""
         shape = pybullet.createCollisionShape(
             pybullet.GEOM_MESH,
-            vertices=[enu_from_ned(tuple(corner)) for corner in terrain.rock_vertices_ned_m.tolist()],
-            indices=terrain.rock_faces.ravel().tolist(),
+            vertices=[enu_from_ned(tuple(corner)) for corner in corners_ned_m.tolist()],
+            indices=indices or list(range(len(corners_ned_m))),
             flags=pybullet.GEOM_FORCE_CONCAVE_TRIMESH,
             physicsClientId=self._client,
         )
-        self._add_fixed(shape, (0.0, 0.0, 0.0), friction)
+        return self._add_fixed(shape, (0.0, 0.0, 0.0), friction)
 
     def _box(self, half_m: Vec3) -> int:
         return int(pybullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half_m, physicsClientId=self._client))

@@ -22,7 +22,7 @@ def invoke(*words: str) -> Result:
 def test_a_world_that_does_not_exist_is_refused_with_the_nearest_name(command: tuple[str, ...]) -> None:
     result = invoke(*command, "--world", "mras")
     assert result.exit_code == 2
-    assert "there is no world 'mras'; did you mean 'mars'? Known are mars" in result.output
+    assert "there is no world 'mras'; did you mean 'mars'? Known are harbour, mars, playground" in result.output
 
 
 def test_a_running_stack_has_a_world_already() -> None:

@@ -12,8 +12,10 @@ from jezero.schemas.sensors import CameraInfo, CornersOfTag
 from jezero.services.simulator.camera.config import ProjectionConfig
 from jezero.services.simulator.camera.sun import shadow_of
 from jezero.services.simulator.camera.view import CameraView, on_rover, project
+from jezero.services.simulator.obstacles import hidden
 
 Indices = npt.NDArray[np.int64]
+NO_OBSTACLES: Array = np.zeros((0, 3, 3))
 
 
 class BoardGeometry:
@@ -57,13 +59,17 @@ def detect(
     info: CameraInfo,
     config: ProjectionConfig,
     rng: np.random.Generator,
+    obstacles_ned_m: Array = NO_OBSTACLES,
 ) -> tuple[CornersOfTag, ...]:
     """Tags as found, with the detector's errors.
 
     Args:
         views: views at the exposure's start, middle and end.
+        obstacles_ned_m: (n, 3, 3) corners of the triangles that may hide a tag, in the map.
     """
     corners_px, inside = tags_in_picture(board, views[1], info)
+    if len(obstacles_ned_m) and inside.any():
+        inside &= ~behind(obstacles_ned_m, board, views[1])
     if not inside.any():
         return ()
     kept = np.flatnonzero(inside)
@@ -79,6 +85,16 @@ def detect(
             quad = ((ax, ay), (bx, by), (cx, cy), (dx, dy))
             found.append(CornersOfTag(tag_id=board.tag_ids[index], corners_px=quad))
     return tuple(found)
+
+
+def behind(obstacles_ned_m: Array, board: BoardGeometry, view: CameraView) -> npt.NDArray[np.bool_]:
+    """Which tags have a corner of their margin behind an obstacle."""
+    margins_ned_m = np.array(
+        [view.ned_from_rover_body((x, y, z)) for x, y, z in board.outlines_m[1].reshape(-1, 3).tolist()]
+    )
+    corners_hidden = hidden(obstacles_ned_m, np.array(view.pos_camera_ned_m), margins_ned_m)
+    tags_hidden: npt.NDArray[np.bool_] = np.logical_or.reduce(corners_hidden.reshape(-1, 4), axis=1)
+    return tags_hidden
 
 
 def blurs(

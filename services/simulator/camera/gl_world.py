@@ -1,4 +1,4 @@
-"""The simulated world in OpenGL: ground, rocks, rover and the shadows of all that stands on the ground."""
+"""The simulated world in OpenGL: ground, rocks, obstacles, rover and the shadows of all that stands on the ground."""
 
 from dataclasses import dataclass
 from math import sqrt
@@ -16,10 +16,11 @@ from jezero.schemas.sensors import CameraInfo
 from jezero.services.simulator.camera.board import board_picture
 from jezero.services.simulator.camera.gl_matrices import clip_from_sun
 from jezero.services.simulator.camera.ground import FINE_SIDE_M, SIDE_M, ground_textures
-from jezero.services.simulator.camera.meshes import Mesh, rocks_mesh, rover_mesh, uav_mesh
+from jezero.services.simulator.camera.meshes import rocks_mesh, rover_mesh, scenery_meshes, uav_mesh
 from jezero.services.simulator.camera.sun import TO_SUN_NED
 from jezero.services.simulator.camera.view import CameraView, half_tangents
 from jezero.services.simulator.config import TerrainConfig
+from jezero.services.simulator.shapes import Mesh
 from jezero.services.simulator.terrain import HALF_SIDE_M, POINTS, SPACING_M, Terrain, make_terrain
 
 SHADERS = Path(__file__).with_name("shaders")
@@ -74,6 +75,8 @@ class GlWorld:
         self._ground = gl.vertex_array(self._ground_program, layout, indices)
         rocks = rocks_mesh(terrain)
         self._rocks = self._body(rocks, self._rock_program) if len(rocks) else None
+        scenery = scenery_meshes(config, terrain)
+        self._scenery = self._body(np.concatenate(scenery), self._body_program) if scenery else None
         self._rover = self._body(rover_mesh(vehicle.platform, vehicle.uwb), self._body_program)
         self._board = self._body(_top(vehicle.platform.side_m), self._board_program)
         self._uav = self._body(uav_mesh(vehicle.airframe), self._body_program)
@@ -133,7 +136,12 @@ class GlWorld:
         self._shadow_target.use()
         self._shadow_target.clear(depth=1.0)
         put(program["clip_from_ned"], matrix)
-        casters = [(self._rocks, np.eye(4)), (self._rover, placed.ned_from_rover), (self._uav, placed.ned_from_uav)]
+        casters = [
+            (self._rocks, np.eye(4)),
+            (self._scenery, np.eye(4)),
+            (self._rover, placed.ned_from_rover),
+            (self._uav, placed.ned_from_uav),
+        ]
         for body, pose in casters:
             if body is not None and pose is not None:
                 put(program["ned_from_body"], pose)
@@ -157,10 +165,15 @@ class GlWorld:
             put(self._board_program["ned_from_body"], placed.ned_from_rover)
             self._board.seen.render(moderngl.TRIANGLE_STRIP)
             put(self._body_program["ned_from_body"], placed.ned_from_rover)
+            self._body_program["moves"] = 1.0
             self._rover.seen.render(moderngl.TRIANGLES)
+        self._body_program["moves"] = 0.0
         if self.shows_uav and placed.ned_from_uav is not None:
             put(self._body_program["ned_from_body"], placed.ned_from_uav)
             self._uav.seen.render(moderngl.TRIANGLES)
+        if self._scenery is not None:
+            put(self._body_program["ned_from_body"], np.eye(4))
+            self._scenery.seen.render(moderngl.TRIANGLES)
         if self._rocks is not None:
             put(self._rock_program["ned_from_body"], np.eye(4))
             self._rocks.seen.render(moderngl.TRIANGLES)

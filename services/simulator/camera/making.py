@@ -7,9 +7,11 @@ import msgspec
 from jezero.base.frames import scale as times
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.services.simulator.camera.config import CameraConfig
+from jezero.services.simulator.camera.detections import NO_OBSTACLES
 from jezero.services.simulator.camera.service import SPEC, CameraSimulator, NoEglError, Renderer
 from jezero.services.simulator.config import SimulatorConfig, TerrainConfig
 from jezero.services.simulator.noise import generator
+from jezero.services.simulator.obstacles import obstacle_triangles
 
 
 def make_camera(config: CameraConfig, simulator: SimulatorConfig, vehicle: VehicleConfig, seed: int) -> CameraSimulator:
@@ -17,6 +19,7 @@ def make_camera(config: CameraConfig, simulator: SimulatorConfig, vehicle: Vehic
 
     Raises:
         NoEglError: `renderer` is "egl", and there is none.
+        ConfigError: the file of heights or of a model can't be used.
     """
     made_with = {"config": config, "simulator": simulator, "vehicle": vehicle, "seed": seed}
     vehicle = _with_printed_board(vehicle, config.print_scale)
@@ -24,7 +27,8 @@ def make_camera(config: CameraConfig, simulator: SimulatorConfig, vehicle: Vehic
     if renderer is not None and renderer.rate_max_hz < vehicle.camera.rate_hz:
         slower = msgspec.structs.replace(vehicle.camera, rate_hz=renderer.rate_max_hz)
         vehicle = msgspec.structs.replace(vehicle, camera=slower)
-    camera = CameraSimulator(config, vehicle, renderer, seed)
+    obstacles_ned_m = obstacle_triangles(simulator.terrain) if renderer is None else NO_OBSTACLES
+    camera = CameraSimulator(config, vehicle, renderer, seed, obstacles_ned_m)
     camera.spec = dataclasses.replace(SPEC, made_with=made_with)
     return camera
 

@@ -1,4 +1,4 @@
-"""Visible shapes: rocks, rover, vehicle. Triangles with a normal and a colour at each corner.
+"""What rocks, rover and vehicle look like.
 
 Rover and vehicle are of about the size of the bodies that the physics collides with, and finer.
 """
@@ -6,17 +6,14 @@ Rover and vehicle are of about the size of the bodies that the physics collides 
 from math import cos, pi, sin
 
 import numpy as np
-import numpy.typing as npt
 
 from jezero.base.arrays import Array
 from jezero.base.vehicle_config import PLATFORM_THICKNESS_M, AirframeConfig, PlatformConfig, UwbLayoutConfig
+from jezero.services.simulator.config import TerrainConfig
 from jezero.services.simulator.noise import generator
+from jezero.services.simulator.obstacles import make_obstacles
+from jezero.services.simulator.shapes import Colour, Mesh, box, mesh_of, rod
 from jezero.services.simulator.terrain import Terrain
-
-Mesh = npt.NDArray[np.float32]
-"""(3 x triangles, 9): position, normal, colour (roots of reflectances), in the frame of its body."""
-Colour = tuple[float, float, float]
-Point = tuple[float, float, float]
 
 WHITE: Colour = (0.86, 0.85, 0.82)
 GREY: Colour = (0.52, 0.52, 0.53)
@@ -24,45 +21,10 @@ DARK: Colour = (0.20, 0.20, 0.22)
 GOLD: Colour = (0.78, 0.56, 0.24)
 BLUE: Colour = (0.14, 0.20, 0.44)
 ORANGE: Colour = (0.86, 0.36, 0.12)
-
-
-def mesh_of(triangles: Array, colour: Colour) -> Mesh:
-    """(n, 3, 3) corners, counter-clockwise from outside, as flat faces of one colour."""
-    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    corners = triangles.reshape(-1, 3)
-    colours = np.broadcast_to(np.array(colour), corners.shape)
-    return np.hstack([corners, np.repeat(normals, 3, axis=0), colours]).astype(np.float32)
-
-
-def box(middle_m: Point, half_m: Point, colour: Colour, turn_pitch_rad: float = 0.0) -> Mesh:
-    """A box, turned about its second axis."""
-    signs = np.array([(a, b, c) for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)], dtype=np.float64)
-    quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
-    faces = [(q[0], q[1], q[2]) for q in quads] + [(q[0], q[2], q[3]) for q in quads]
-    c, s = cos(turn_pitch_rad), sin(turn_pitch_rad)
-    turn = np.array(((c, 0.0, s), (0.0, 1.0, 0.0), (-s, 0.0, c)))
-    corners = (signs * np.array(half_m)) @ turn.T + np.array(middle_m)
-    return mesh_of(corners[np.array(faces)], colour)
-
-
-def rod(start_m: Point, end_m: Point, radius_m: float, colour: Colour, sides: int = 8) -> Mesh:
-    """A closed cylinder from one point to another."""
-    start, end = np.array(start_m), np.array(end_m)
-    axis = (end - start) / np.linalg.norm(end - start)
-    across = np.cross(axis, (0.0, 0.0, 1.0) if abs(axis[2]) < 0.9 else (1.0, 0.0, 0.0))
-    across /= np.linalg.norm(across)
-    other = np.cross(axis, across)
-    angles = 2.0 * pi * np.arange(sides) / sides
-    ring = radius_m * (np.cos(angles)[:, None] * across + np.sin(angles)[:, None] * other)
-    after = np.roll(ring, -1, axis=0)
-    triangles = [
-        np.stack([start + ring, start + after, end + after], axis=1),
-        np.stack([start + ring, end + after, end + ring], axis=1),
-        np.stack([np.broadcast_to(end, ring.shape), end + ring, end + after], axis=1),
-        np.stack([np.broadcast_to(start, ring.shape), start + after, start + ring], axis=1),
-    ]
-    return mesh_of(np.concatenate(triangles), colour)
+WATER: Colour = (0.24, 0.33, 0.36)
+WATER_DOWN_M = 0.1
+"""Water is drawn lower than its level by this, so that the pier at the start is dry."""
+WATER_HALF_SIDE_M = 300.0
 
 
 def rover_mesh(platform: PlatformConfig, uwb: UwbLayoutConfig) -> Mesh:
@@ -128,6 +90,18 @@ def uav_mesh(airframe: AirframeConfig) -> Mesh:
         foot = (a * forward_m, b * right_m, airframe.height_stand_m - 0.01)
         parts.append(rod((0.7 * a * forward_m, 0.6 * b * right_m, 0.0), foot, 0.009, DARK))
     return np.concatenate(parts)
+
+
+def scenery_meshes(config: TerrainConfig, terrain: Terrain) -> list[Mesh]:
+    """Obstacles, and the surface of the water, in the map.
+
+    Raises:
+        ConfigError: the file of a model can't be used.
+    """
+    meshes = [obstacle.mesh for obstacle in make_obstacles(config, terrain)]
+    if config.water_depth_m:
+        meshes.append(box((0.0, 0.0, WATER_DOWN_M + 1.0), (WATER_HALF_SIDE_M, WATER_HALF_SIDE_M, 1.0), WATER))
+    return meshes
 
 
 def rocks_mesh(terrain: Terrain, divisions: int = 2) -> Mesh:

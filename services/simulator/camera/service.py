@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from functools import partial
 from typing import Protocol
 
+from jezero.base.arrays import Array
 from jezero.base.camera_preview import PREVIEW_PERIOD_NS, preview_of
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.service import Health, Inbox, Output, Publish, Spec
@@ -13,7 +14,7 @@ from jezero.schemas.sensors import CameraFrame, TagCorners
 from jezero.schemas.state import Scene
 from jezero.schemas.units import NS_PER_S
 from jezero.services.simulator.camera.config import CameraConfig
-from jezero.services.simulator.camera.detections import BoardGeometry, detect
+from jezero.services.simulator.camera.detections import NO_OBSTACLES, BoardGeometry, detect
 from jezero.services.simulator.camera.gimbal import Gimbal
 from jezero.services.simulator.camera.view import CameraView, view_of
 from jezero.services.simulator.noise import generator
@@ -60,6 +61,7 @@ class CameraSimulator:
     Args:
         renderer: None in mode "projected".
         seed: seed of the noise.
+        obstacles_ned_m: (n, 3, 3) corners of the triangles that may hide a tag in mode "projected", in the map.
 
     Attributes:
         description: name of the renderer, for people.
@@ -67,8 +69,16 @@ class CameraSimulator:
 
     spec = SPEC
 
-    def __init__(self, config: CameraConfig, vehicle: VehicleConfig, renderer: Renderer | None, seed: int) -> None:
+    def __init__(
+        self,
+        config: CameraConfig,
+        vehicle: VehicleConfig,
+        renderer: Renderer | None,
+        seed: int,
+        obstacles_ned_m: Array = NO_OBSTACLES,
+    ) -> None:
         self._config = config
+        self._obstacles_ned_m = obstacles_ned_m
         self._mount = vehicle.camera
         self._board = BoardGeometry(vehicle.platform.board)
         self._renderer = renderer
@@ -138,7 +148,8 @@ class CameraSimulator:
     def _take(self, scene: Scene, views: tuple[CameraView, CameraView, CameraView]) -> Publish:
         config, pitch_rad, roll_rad = self._config, self._gimbal.pitch_rad, self._gimbal.roll_rad
         if self._renderer is None:
-            found = detect(self._board, views, self._mount.info(scene.t_ns), config.projection, self._rng)
+            info = self._mount.info(scene.t_ns)
+            found = detect(self._board, views, info, config.projection, self._rng, self._obstacles_ned_m)
             corners = TagCorners(t_ns=scene.t_ns, pitch_camera_rad=pitch_rad, roll_camera_rad=roll_rad, tags=found)
             return Publish(topics.TAG_CORNERS, corners)
         self._sequence += 1

@@ -19,11 +19,12 @@ from jezero.schemas.state import Scene
 from jezero.services.simulator.camera.board import board_picture
 from jezero.services.simulator.camera.exposure import Image, PixelNoise
 from jezero.services.simulator.camera.ground import FINE_SIDE_M, SIDE_M, ground_textures
-from jezero.services.simulator.camera.meshes import Mesh, rocks_mesh, rover_mesh
+from jezero.services.simulator.camera.meshes import rocks_mesh, rover_mesh, scenery_meshes
 from jezero.services.simulator.camera.sun import TO_SUN_NED
 from jezero.services.simulator.camera.view import CameraView, project
 from jezero.services.simulator.config import TerrainConfig
 from jezero.services.simulator.quiet_pybullet import pybullet
+from jezero.services.simulator.shapes import Mesh
 from jezero.services.simulator.terrain import HALF_SIDE_M, POINTS, SPACING_M, Terrain, make_terrain
 
 NEAR_M, FAR_M = 0.02, 400.0
@@ -58,6 +59,8 @@ class TinyRenderer:
             rocks = rocks_mesh(terrain, divisions=0)
             if len(rocks):
                 self._add_painted(rocks)
+            for mesh in scenery_meshes(config, terrain):
+                self._add_painted(mesh)
             self._rover = [
                 self._add_painted(rover_mesh(vehicle.platform, vehicle.uwb)),
                 self._add(_top_mesh(vehicle.platform.side_m), self._texture(_top_picture(vehicle.platform))),

@@ -11,7 +11,7 @@ from jezero.base.frames import q_frd_from_camera, quat_from_euler, quat_rotate
 from jezero.schemas.commands import CameraPitch
 from jezero.schemas.estimate import Covariance6
 from jezero.schemas.sensors import Altimeter
-from jezero.schemas.terrain import Ground, Rock
+from jezero.schemas.terrain import Ground, Obstacle, Rock
 from jezero.services.ground_station.views import (
     altimeter_range,
     camera_attitude,
@@ -113,11 +113,21 @@ def test_the_ground_is_one_list_of_heights_from_south_to_north() -> None:
         corner_ned_m=(-1.0, -2.0, 0.1),
         heights_mm=((1, 2, 3), (4, 5, 6)),
         rocks=(Rock(pos_rock_ned_m=(1.0, 2.0, 0.0), radius_m=0.3),),
+        obstacles=(
+            Obstacle(
+                name="ramp",
+                colour=(1.0, 0.5, 0.0),
+                pos_corners_ned_m=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 2.0, -1.0)),
+                triangles=((0, 2, 1),),
+            ),
+        ),
     )
     shape = ground_shape(ground)
     assert shape is not None
     assert (shape["columns"], shape["heights_mm"]) == (3, [1, 2, 3, 4, 5, 6])
     assert shape["rocks"] == [[1.0, 2.0, 0.0, 0.3]]
+    (ramp,) = shape["obstacles"]
+    assert ramp == {"colour": [1.0, 0.5, 0.0], "corners": [0, 0, 0, 1, 0, 0, 1, 2, -1], "triangles": [0, 2, 1]}
 
 
 def test_the_wind_is_named_by_where_it_comes_from() -> None:

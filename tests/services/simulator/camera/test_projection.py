@@ -22,6 +22,8 @@ from jezero.services.simulator.camera.detections import (
 )
 from jezero.services.simulator.camera.sun import shadow_of
 from jezero.services.simulator.camera.view import CameraView, project, view_of
+from jezero.services.simulator.config import BoxConfig, TerrainConfig
+from jezero.services.simulator.obstacles import obstacle_triangles
 
 LANDING_BOARD = make_board()
 CAMERA = CameraMountConfig(pos_camera_frd_m=(0.0, 0.0, 0.0))
@@ -126,6 +128,17 @@ def test_the_big_tag_is_found_from_high_up_and_small_ones_when_standing() -> Non
 def test_a_tag_whose_margin_is_cut_off_is_not_found() -> None:
     _, inside = tags_in_picture(BOARD, down(scene(1.0, (0.31, 0.0))), INFO)
     assert not inside[0] and inside[1]
+
+
+def test_a_tag_behind_an_obstacle_is_not_found() -> None:
+    at = scene(4.0)
+    north_m, east_m, down_m = at.pos_rover_ned_m
+    height_m = -down_m + 2.0
+    for beside_m, seen in ((0.0, False), (3.0, True)):
+        roof = BoxConfig(north_m=north_m + beside_m, east_m=east_m, size_m=(2.0, 2.0, 0.1), height_m=height_m)
+        flat = TerrainConfig(std_ground_m=0.0, craters=0, rocks=0, boxes=(roof,))
+        found = detect(BOARD, still(at), INFO, EXACT, np.random.default_rng(0), obstacle_triangles(flat))
+        assert (BIG_ID in {tag.tag_id for tag in found}) == seen
 
 
 def test_without_errors_the_corners_are_where_they_are_projected() -> None:

@@ -24,8 +24,8 @@ from jezero.services.simulator.camera.exposure import PixelNoise
 from jezero.services.simulator.camera.making import make_renderer
 from jezero.services.simulator.camera.service import NoEglError, Renderer
 from jezero.services.simulator.camera.tiny_renderer import TinyRenderer
-from jezero.services.simulator.camera.view import CameraView, view_of
-from jezero.services.simulator.config import RoverConfig, SimulatorConfig
+from jezero.services.simulator.camera.view import CameraView, project, view_of
+from jezero.services.simulator.config import BoxConfig, PoleConfig, RoverConfig, SimulatorConfig, TerrainConfig
 
 Image = npt.NDArray[np.uint8]
 CONFIG = CameraConfig(std_pixel=0.0)
@@ -98,6 +98,34 @@ def test_tags_are_where_they_are_projected(kind: str, largest_px: float) -> None
     assert len(errors_px) >= 6
     assert np.abs(errors_px).max() < largest_px
     assert np.abs(np.mean(errors_px, axis=(0, 1))).max() < 0.15
+
+
+GREEN, BLUE = (0.1, 0.8, 0.2), (0.1, 0.2, 0.9)
+
+
+@pytest.mark.parametrize("kind", ["egl", "tiny"])
+def test_obstacles_are_in_the_picture_where_they_stand(kind: str) -> None:
+    """From 6 m above the rover: a green box 2 m north of it, a blue pole 1.5 m east of it."""
+    north_m, east_m, _ = ROVER_NED_M
+    terrain = TerrainConfig(
+        std_ground_m=0.0,
+        craters=0,
+        rocks=0,
+        boxes=(BoxConfig(north_m=north_m + 2.0, east_m=east_m, size_m=(0.6, 0.6, 0.5), colour=GREEN),),
+        poles=(PoleConfig(north_m=north_m, east_m=east_m + 1.5, tall_m=0.5, radius_m=0.2, colour=BLUE),),
+    )
+    try:
+        by = make_renderer(msgspec.structs.replace(CONFIG, renderer=kind), terrain, VEHICLE, seed=1)
+    except NoEglError as error:
+        pytest.skip(str(error))
+    at = scene(6.0)
+    picture = photograph(by, at).astype(float)
+    for colour, place_ned_m in ((1, (north_m + 2.0, east_m, -0.5)), (2, (north_m, east_m + 1.5, -0.5))):
+        others = [channel for channel in range(3) if channel != colour]
+        dominant = picture[..., colour] > 1.25 * picture[..., others].max(axis=2)
+        rows, columns = np.nonzero(dominant)
+        expected_px = project(np.array(place_ned_m), view(at), INFO)
+        assert (columns.mean(), rows.mean()) == pytest.approx(tuple(expected_px), abs=6.0)
 
 
 CALIBRATED = {"fx_px": 380.0, "fy_px": 399.0, "cx_px": 335.0, "cy_px": 230.0}

@@ -1,4 +1,4 @@
-// The ground in ned: the simulator's terrain and rocks, or a level plane when nobody knows it.
+// The ground in ned: the simulator's terrain with what stands in it, or a level plane when nobody knows it.
 import { THREE } from "nicegui-scene";
 import { lightOn } from "./sky.js";
 
@@ -9,7 +9,7 @@ const OFFSET_MAX_M = 3, FOLLOW_SHARE = 0.05; // of the error, in each update
 const PIECE = 16; // squares along the side of a piece
 const DETAILS = [{ step: 1, beyond: 0 }, { step: 2, beyond: 22 }, { step: 4, beyond: 50 }]; // metres from the eye
 const SAND = [0.4, 0.19, 0.1], DUST = [0.56, 0.29, 0.155], BASALT = [0.17, 0.1, 0.075]; // linear reflectances
-const LEVEL = { spacing: 2 * FLAT_HALF_M, corner: [-FLAT_HALF_M, -FLAT_HALF_M, 0], columns: 2, heights_mm: [0, 0, 0, 0], rocks: [] };
+const LEVEL = { spacing: 2 * FLAT_HALF_M, corner: [-FLAT_HALF_M, -FLAT_HALF_M, 0], columns: 2, heights_mm: [0, 0, 0, 0], rocks: [], obstacles: [] };
 
 export class Ground {
   // `slow`: without a graphics card the light is computed once, for the corners only.
@@ -28,7 +28,7 @@ export class Ground {
     this.shape = shape ?? LEVEL;
     this.group.traverse((child) => child.geometry?.dispose());
     this.group.clear();
-    this.group.add(...this.makeTerrain(), this.makeFloor(), this.makePlain(), ...makeRocks(this.shape.rocks));
+    this.group.add(...this.makeTerrain(), this.makeFloor(), this.makePlain(), ...makeRocks(this.shape.rocks), ...this.shape.obstacles.map(makeObstacle));
   }
   // Move the ground so that it is where the altimeter measures it, or a standing vehicle feels it: the autopilot's own
   // height is wrong by some decimetres, and that of the ground in its frame with it.
@@ -238,6 +238,17 @@ function makeRocks(rocks) {
     mesh.castShadow = mesh.receiveShadow = true;
     return mesh;
   });
+}
+
+// Boxes, poles and models, with flat faces.
+function makeObstacle({ colour, corners, triangles }) {
+  const geometry = new THREE.BufferGeometry();
+  geometry.setAttribute("position", new THREE.Float32BufferAttribute(corners, 3));
+  geometry.setIndex(triangles);
+  const paint = new THREE.Color().setRGB(...colour, THREE.SRGBColorSpace);
+  const mesh = new THREE.Mesh(geometry, new THREE.MeshLambertMaterial({ color: paint, flatShading: true, side: THREE.DoubleSide }));
+  mesh.castShadow = mesh.receiveShadow = true;
+  return mesh;
 }
 
 // Grains, ripples and small stones, and a grid of a metre.
