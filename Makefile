@@ -91,7 +91,7 @@ reference: setup
 
 images: setup
 	$(BIN)/python -m benchmarks.docs_images
-	$(BIN)/python -m benchmarks.mars_image
+	$(BIN)/python -m benchmarks.world_images
 
 # Hashes of the files that pip chooses now, for this machine's architecture: no list of them is kept with the project, because
 # the same version has other files for other machines, and new ones are added.

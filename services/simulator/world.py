@@ -101,7 +101,8 @@ class World:
     def range_m(self, mount_frd_m: Vec3, direction_frd: Vec3, range_max_m: float) -> float | None:
         """Distance from a point on the vehicle along a direction to the nearest surface, None beyond the maximum.
 
-        Water reflects the beam as ground does. The vehicle's own hull, rotors and feet stop a beam too: a beam starts outside the hull.
+        Water reflects the beam as ground does. The vehicle's own hull, rotors and feet stop a beam too: a beam starts
+        outside the hull.
 
         Args:
             mount_frd_m: start of the beam, from the vehicle's centre of mass.

@@ -53,6 +53,45 @@ def test_a_flight_that_is_paused_goes_on_and_lands_on_the_rover(stack: Stack) ->
         assert distance(sim(stack, "scene")["pos_uav_ned_m"], (0.0, 0.0, 0.0)) < 0.1
 
 
+def test_every_control_works_by_command_and_by_sdk_in_a_world_of_a_file(unstarted: Stack) -> None:
+    """The world playground has hills, a crater, rocks, boxes, poles, a model, wind and a rover that leans."""
+    unstarted.up("--world", "playground")
+    with unstarted.connect() as uav:
+        world = uav.simulator
+        names = [each["name"] for each in sim(unstarted, "scene")["obstacles"]]
+        assert names == ["box 1", "box 2", "box 3", "pole 1", "pole 2", "model 1 (lander.obj)"]
+        assert [each.name for each in world.state().obstacles] == names
+        assert len(uav.ground().obstacles) == len(names)
+
+        assert sim(unstarted, "wind", "2", "90", "--gusts", "0.1")["wind_from_deg"] == 90.0
+        assert world.wind(1.0, 180.0).wind_mean_mps == 1.0
+        assert sim(unstarted, "fault", "uwb", "off", "--for", "60")["faults"][0]["unit"] == "uwb"
+        assert [each.unit for each in world.fault("camera", "slow").faults] == ["uwb", "camera"]
+        assert not world.fault("uwb", "ok").faults[1:]
+        assert sim(unstarted, "fault", "camera", "ok")["faults"] == []
+
+        refused = unstarted.jezero("sim", "place", "14", "-6", "--rover", check=False)
+        assert refused.returncode != 0
+        assert "box 1 is there" in refused.stderr
+        assert sim(unstarted, "place", "3", "-4", "--rover")["pos_rover_ned_m"][:2] == pytest.approx(
+            [3.0, -4.0], abs=0.05
+        )
+        assert world.place(1.0, 1.0).pos_uav_ned_m[:2] == pytest.approx((1.0, 1.0), abs=0.05)
+
+        assert world.speed(0.5).speed == 0.5
+        assert sim(unstarted, "speed", "1")["speed"] == 1.0
+        paused = world.pause()
+        assert world.step(0.2).t_ns - paused.t_ns == 200_000_000
+        assert sim(unstarted, "step", "0.2")["t_ns"] - paused.t_ns == 400_000_000
+        assert not sim(unstarted, "resume")["paused"]
+        assert sim(unstarted, "pause")["paused"]
+        assert not world.resume().paused
+
+        state = world.reset()
+        assert (state.wind_mean_mps, state.wind_from_deg) == (3.0, 300.0)
+        assert state.pos_rover_ned_m[:2] == pytest.approx((6.0, -2.0), abs=0.05)
+
+
 def test_a_stack_without_a_simulator_says_so_in_one_sentence(unstarted: Stack) -> None:
     unstarted.jezero("up", "-d", "--profile", "control")
 

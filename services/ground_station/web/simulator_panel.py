@@ -1,4 +1,4 @@
-"""The panel of the simulator, where the vehicle has one: time, wind, faults."""
+"""The panel of the simulator, where the vehicle has one: time, wind, places, faults."""
 
 from collections.abc import Awaitable, Callable
 from functools import partial
@@ -34,7 +34,20 @@ class SimulatorPanel:
                 self._mean = ui.number("Wind, m/s", value=0.0, min=0.0, max=30.0).props(f'{FIELD} data-mark="sim-wind"')
                 self._from = ui.number("from, °", value=0.0, min=-360.0, max=360.0)
                 self._from.props(f'{FIELD} data-mark="sim-wind-from"')
+                self._gusts = ui.number("gusts, m/s", value=0.0, min=0.0, max=10.0)
+                self._gusts.props(f'{FIELD} data-mark="sim-gusts"')
                 self._button("Blow", "sim-blow", self._blow)
+            with ui.element("div").classes("sim-row"):
+                self._what = ui.select(
+                    ["vehicle", "rover"], value="rover", label="Put the", on_change=self._offer_height
+                )
+                self._what.props(f'{FIELD} data-mark="sim-what"').classes("sim-wide")
+                self._north, self._east, self._height = (
+                    ui.number(label, value=0.0).props(f'{FIELD} data-mark="sim-{name}"')
+                    for name, label in (("north", "N, m"), ("east", "E, m"), ("height", "up, m"))
+                )
+                self._height.set_visibility(False)
+                self._button("Put", "sim-put", self._put)
             with ui.element("div").classes("sim-row"):
                 self._unit = ui.select(list(FAULTS), value="gps", label="Fault of", on_change=self._offer_kinds)
                 self._unit.props(f'{FIELD} data-mark="sim-unit"')
@@ -55,6 +68,10 @@ class SimulatorPanel:
             self._filled = True
             self._mean.set_value(state.wind_mean_mps)
             self._from.set_value(state.wind_from_deg)
+            self._gusts.set_value(state.std_gust_mps)
+            north_m, east_m, _ = state.pos_rover_ned_m
+            self._north.set_value(round(north_m, 1))
+            self._east.set_value(round(east_m, 1))
             self._speed.set_value(min(SPEEDS, key=lambda speed: abs(speed - state.speed)))
         self._pause.set_text("Resume" if state.paused else "Pause")
         self._time.set_text(_time_in_words(state))
@@ -90,9 +107,19 @@ class SimulatorPanel:
         await self._do("Speed", lambda uav: uav.simulator.speed(speed), f"The simulator's speed is {speed:g}")
 
     async def _blow(self) -> None:
-        mean_mps, from_deg = float(self._mean.value or 0.0), float(self._from.value or 0.0)
+        mean_mps, from_deg, gusts_mps = (float(each.value or 0.0) for each in (self._mean, self._from, self._gusts))
         done = f"Wind of {mean_mps:g} m/s from {from_deg:g}°"
-        await self._do("Wind", lambda uav: uav.simulator.wind(mean_mps, from_deg), done)
+        await self._do("Wind", lambda uav: uav.simulator.wind(mean_mps, from_deg, std_gust_mps=gusts_mps), done)
+
+    async def _put(self) -> None:
+        what = self._what.value
+        north_m, east_m, height_m = (float(each.value or 0.0) for each in (self._north, self._east, self._height))
+        height_m = height_m if what == "vehicle" else 0.0
+        await self._do(
+            "Put",
+            lambda uav: uav.simulator.place(north_m, east_m, height_m=height_m, what=what),
+            f"The {what} is {north_m:g} m north and {east_m:g} m east of the start",
+        )
 
     async def _fail(self) -> None:
         unit, kind = self._unit.value, self._kind.value
@@ -102,6 +129,9 @@ class SimulatorPanel:
         await self._do(
             "Fault", lambda uav: uav.simulator.fault(fault.unit, "ok", instance=fault.instance), f"{fault.unit} is ok"
         )
+
+    def _offer_height(self) -> None:
+        self._height.set_visibility(self._what.value == "vehicle")
 
     def _offer_kinds(self) -> None:
         kinds = list(FAULTS[self._unit.value])

@@ -1,12 +1,12 @@
-"""The picture of docs/how-to/fly-on-mars.md: the vehicle above the rover, from beside it.
+"""The pictures of docs/how-to/fly-on-mars.md and play-with-the-simulator.md: the vehicle above the rover in two worlds.
 
-`python -m benchmarks.mars_image [--run FOLDER]` flies `jezero fly --fast --world mars`, or takes the run in FOLDER, and
+`python -m benchmarks.world_images` flies `jezero fly --fast --world mars`, and the same in the world playground, and
 draws the vehicle where it was on its way down, by the simulator's truth.
 """
 
 import argparse
 import os
-from math import cos, hypot, radians, sin
+from math import hypot, radians
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -32,8 +32,9 @@ SIZE_PX, FINER = (1600, 900), 2
 FIELD_OF_VIEW_DEG = 52.0
 HEIGHT_M = 1.5
 """Height of the vehicle over the platform."""
-AWAY_M, ABOVE_M, TOWARDS_DEG, PITCH_DEG = 6.8, 1.9, 48.0, -8.5
-"""Place of the eye: its distance from the rover, its height over the platform, and where it looks."""
+MARS_EYE_M: Vec3 = (-4.55, -5.05, -1.9)
+PLAYGROUND_EYE_M: Vec3 = (-9.5, 0.5, -3.4)
+"""Places of the eye from the middle of the rover's platform, NED."""
 
 
 def moment(run: Path) -> Truth:
@@ -49,8 +50,16 @@ def moment(run: Path) -> Truth:
     return found
 
 
-def picture(truth: Truth, simulator: SimulatorConfig, vehicle: VehicleConfig) -> Pillow.Image:
-    """The scene of a moment."""
+def drawn(world: str, truth: Truth, eye_from_rover_m: Vec3, towards_deg: float, pitch_deg: float) -> Pillow.Image:
+    """The scene of a moment.
+
+    Args:
+        eye_from_rover_m: place of the eye from the middle of the rover's platform, NED.
+        towards_deg: direction in which the eye looks, clockwise from north.
+        pitch_deg: angle of the eye above the horizon.
+    """
+    os.environ[WORLD_VARIABLE] = world
+    simulator, vehicle = load_config(SimulatorConfig, "simulator"), load_config(VehicleConfig, "vehicle")
     width_px, height_px = size_px = (FINER * SIZE_PX[0], FINER * SIZE_PX[1])
     camera = CameraMountConfig(width_px=width_px, height_px=height_px, field_of_view_deg=FIELD_OF_VIEW_DEG)
     noise = PixelNoise(0.0, np.random.default_rng(0))
@@ -68,30 +77,27 @@ def picture(truth: Truth, simulator: SimulatorConfig, vehicle: VehicleConfig) ->
         pos_rover_ned_m=add(truth.pos_rover_ned_m, start_ned_m),
         vel_rover_ned_mps=(0.0, 0.0, 0.0),
         yaw_rover_rad=truth.yaw_rover_rad,
+        pitch_rover_rad=truth.pitch_rover_rad,
+        roll_rover_rad=truth.roll_rover_rad,
     )
-    north, east = cos(radians(TOWARDS_DEG)), sin(radians(TOWARDS_DEG))
-    eye_ned_m = add(scene.pos_rover_ned_m, (-AWAY_M * north, -AWAY_M * east, -ABOVE_M))
     eye = msgspec.structs.replace(
-        scene, pos_uav_ned_m=eye_ned_m, q_ned_from_frd=quat_from_euler(0.0, 0.0, radians(TOWARDS_DEG))
+        scene,
+        pos_uav_ned_m=add(scene.pos_rover_ned_m, eye_from_rover_m),
+        q_ned_from_frd=quat_from_euler(0.0, 0.0, radians(towards_deg)),
     )
-    view = view_of(eye, (0.0, 0.0, 0.0), (radians(PITCH_DEG), 0.0))
+    view = view_of(eye, (0.0, 0.0, 0.0), (radians(pitch_deg), 0.0))
     fine = Pillow.frombytes("RGB", size_px, renderer.picture(scene, (view, view, view)))
     return fine.resize(SIZE_PX, Pillow.Resampling.LANCZOS)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Draw the picture of a flight on Mars.")
-    parser.add_argument("--run", type=Path, help="folder of a flight in the world mars, instead of a new one")
-    parser.add_argument("--out", type=Path, default=IMAGES / "mars.jpg", help="file to write")
+    parser = argparse.ArgumentParser(description="Draw the pictures of two worlds, each from a flight in it.")
+    parser.add_argument("--out", type=Path, default=IMAGES, help="folder to write to")
     arguments = parser.parse_args()
-    os.environ[WORLD_VARIABLE] = "mars"
-    with TemporaryDirectory() as temporary:
-        run = arguments.run or Path(temporary)
-        if arguments.run is None:
-            run_jezero("fly", "--fast", "--world", "mars", "--out", str(run))
-        truth = moment(run)
-    simulator, vehicle = load_config(SimulatorConfig, "simulator"), load_config(VehicleConfig, "vehicle")
-    picture(truth, simulator, vehicle).save(arguments.out, quality=86)
+    for world, *eye in (("mars", MARS_EYE_M, 48.0, -8.5), ("playground", PLAYGROUND_EYE_M, 10.5, -11.0)):
+        with TemporaryDirectory() as run:
+            run_jezero("fly", "--fast", "--world", world, "--out", run)
+            drawn(world, moment(Path(run)), *eye).save(arguments.out / f"{world}.jpg", quality=86)
 
 
 if __name__ == "__main__":
