@@ -9,6 +9,7 @@ import os
 from math import hypot, radians
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -32,9 +33,23 @@ SIZE_PX, FINER = (1600, 900), 2
 FIELD_OF_VIEW_DEG = 52.0
 HEIGHT_M = 1.5
 """Height of the vehicle over the platform."""
-MARS_EYE_M: Vec3 = (-4.55, -5.05, -1.9)
-PLAYGROUND_EYE_M: Vec3 = (-9.5, 0.5, -3.4)
-"""Places of the eye from the middle of the rover's platform, NED."""
+
+
+class Eye(NamedTuple):
+    """From where a picture is drawn.
+
+    Attributes:
+        from_rover_ned_m: place of the eye from the middle of the rover's platform.
+        towards_deg: direction in which it looks, clockwise from north.
+        pitch_deg: angle above the horizon.
+    """
+
+    from_rover_ned_m: Vec3
+    towards_deg: float
+    pitch_deg: float
+
+
+EYES = {"mars": Eye((-4.55, -5.05, -1.9), 48.0, -8.5), "playground": Eye((-9.5, 0.5, -3.4), 10.5, -11.0)}
 
 
 def moment(run: Path) -> Truth:
@@ -50,14 +65,8 @@ def moment(run: Path) -> Truth:
     return found
 
 
-def drawn(world: str, truth: Truth, eye_from_rover_m: Vec3, towards_deg: float, pitch_deg: float) -> Pillow.Image:
-    """The scene of a moment.
-
-    Args:
-        eye_from_rover_m: place of the eye from the middle of the rover's platform, NED.
-        towards_deg: direction in which the eye looks, clockwise from north.
-        pitch_deg: angle of the eye above the horizon.
-    """
+def drawn(world: str, truth: Truth, eye: Eye) -> Pillow.Image:
+    """The scene of a moment."""
     os.environ[WORLD_VARIABLE] = world
     simulator, vehicle = load_config(SimulatorConfig, "simulator"), load_config(VehicleConfig, "vehicle")
     width_px, height_px = size_px = (FINER * SIZE_PX[0], FINER * SIZE_PX[1])
@@ -80,12 +89,12 @@ def drawn(world: str, truth: Truth, eye_from_rover_m: Vec3, towards_deg: float, 
         pitch_rover_rad=truth.pitch_rover_rad,
         roll_rover_rad=truth.roll_rover_rad,
     )
-    eye = msgspec.structs.replace(
+    seen_from = msgspec.structs.replace(
         scene,
-        pos_uav_ned_m=add(scene.pos_rover_ned_m, eye_from_rover_m),
-        q_ned_from_frd=quat_from_euler(0.0, 0.0, radians(towards_deg)),
+        pos_uav_ned_m=add(scene.pos_rover_ned_m, eye.from_rover_ned_m),
+        q_ned_from_frd=quat_from_euler(0.0, 0.0, radians(eye.towards_deg)),
     )
-    view = view_of(eye, (0.0, 0.0, 0.0), (radians(pitch_deg), 0.0))
+    view = view_of(seen_from, (0.0, 0.0, 0.0), (radians(eye.pitch_deg), 0.0))
     fine = Pillow.frombytes("RGB", size_px, renderer.picture(scene, (view, view, view)))
     return fine.resize(SIZE_PX, Pillow.Resampling.LANCZOS)
 
@@ -94,10 +103,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Draw the pictures of two worlds, each from a flight in it.")
     parser.add_argument("--out", type=Path, default=IMAGES, help="folder to write to")
     arguments = parser.parse_args()
-    for world, *eye in (("mars", MARS_EYE_M, 48.0, -8.5), ("playground", PLAYGROUND_EYE_M, 10.5, -11.0)):
+    for world, eye in EYES.items():
         with TemporaryDirectory() as run:
             run_jezero("fly", "--fast", "--world", world, "--out", run)
-            drawn(world, moment(Path(run)), *eye).save(arguments.out / f"{world}.jpg", quality=86)
+            drawn(world, moment(Path(run)), eye).save(arguments.out / f"{world}.jpg", quality=86)
 
 
 if __name__ == "__main__":
