@@ -180,3 +180,39 @@ def test_a_heaving_deck_holds_a_vehicle_that_does_not_sink_though_it_is_pushed_d
         found.append(detector.update(step * 20_000_000, uncertain, range_m, deck_motion(), down_m))
     assert any(found) is held
     assert not any(found[:180])
+
+
+def test_a_vehicle_that_stood_tilted_in_the_wind_must_turn_upright_within_some_time() -> None:
+    """The tilt of the wind, 20 degrees, counts less and less: with the same tilt it leans later than without wind."""
+
+    def leans_after_s(free_down_ned: tuple[float, float]) -> float:
+        watcher, t_ns = ContactWatcher(ROOM_M, PlanetConfig()), 0
+        watcher.begin(0, free_down_ned)
+        while watcher.update(t_ns, CENTRED, state_with(rolled(30.0))) != "leans":
+            t_ns += NS_PER_S // 50
+            assert t_ns < 5 * NS_PER_S
+        return t_ns / NS_PER_S
+
+    blown, calm = leans_after_s((0.0, -sin(radians(30.0)))), leans_after_s((0.0, 0.0))
+    assert calm == pytest.approx(LEAN_S, abs=0.03)
+    assert calm + 0.2 < blown < 2.0
+
+
+@pytest.mark.parametrize("std_height_m", [0.0, 0.1])
+@pytest.mark.parametrize(("margin_m", "below"), [(-0.01, False), (0.01, True)])
+def test_a_vehicle_is_below_the_surface_by_more_than_a_fifth_of_a_metre_and_two_standard_deviations(
+    std_height_m: float, margin_m: float, below: bool
+) -> None:
+    down_m = 0.2 + 2.0 * std_height_m + margin_m
+    platform = PlatformState((0.0, 0.0, down_m), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, std_height_m=std_height_m)
+    watcher = ContactWatcher(ROOM_M, PlanetConfig())
+    watcher.begin(0, (0.0, 0.0))
+    assert (watcher.update(0, CENTRED, state_with(), platform) == "below") is below
+
+
+def test_a_go_around_ends_after_four_seconds_where_the_height_is_unknown() -> None:
+    go_arounds = GoArounds(1)
+    go_arounds.begin(0, "slides", state_with())
+    assert not go_arounds.is_high(int(3.9 * NS_PER_S), None)
+    assert go_arounds.is_high(int(4.1 * NS_PER_S), None)
+    assert not go_arounds.climbing

@@ -5,6 +5,7 @@ from math import hypot
 import pytest
 
 from jezero.base.frames import Vec3, add
+from jezero.schemas.goals import LandPhase
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.land_on_spot.config import LandingBoundsConfig, RoverLandingConfig
 from jezero.services.actions.land_on_spot.landing_watch import (
@@ -14,6 +15,7 @@ from jezero.services.actions.land_on_spot.landing_watch import (
     LandingWatch,
     WindLimit,
     wind_refusal,
+    wind_words,
 )
 from jezero.services.actions.motion.behaviour import VehicleState
 from tests.services.actions.land_on_spot.landing_rig import BOTH, TAG, Landing
@@ -139,6 +141,51 @@ def test_a_landing_that_never_comes_down_ends_with_the_time_of_each_phase_and_wh
     assert done.reason.endswith("check the wind and the rover's speed and turns")
 
 
+@pytest.mark.parametrize(
+    ("phases", "words"),
+    [
+        (
+            (("approach", 30), ("search", 60), ("approach", 91)),
+            "121 s approach, 60 s search; the rover was out of sight 150 s ago: hidden; the vehicle does not get",
+        ),
+        (
+            (("approach", 80), ("hold", 5), ("search", 96)),
+            "96 s search, 80 s approach, 5 s hold; the rover has been out of sight for 100 s: hidden; check what hides",
+        ),
+    ],
+)
+def test_a_landing_that_is_too_late_says_how_long_the_rover_was_out_of_sight(
+    phases: tuple[tuple[LandPhase, int], ...], words: str
+) -> None:
+    rig = Landing(BOTH)
+    watch, t_s, done = LandingWatch(RoverLandingConfig(), 0, rig.state()), 0, None
+    for phase, duration_s in phases:
+        for _ in range(duration_s):
+            assert done is None
+            t_s += 1
+            done = watch.update(t_s * NS_PER_S, rig.state(), phase, "hidden")
+    assert done is not None
+    assert words in done.reason
+
+
+def test_a_vehicle_on_the_ground_without_an_estimate_is_disarmed() -> None:
+    landing = Landing(BOTH)
+    landing.landed = landing.silent = True
+    done = landing.run(5.0)
+    assert done is not None and (done.outcome, done.then) == ("aborted", "disarm")
+    assert done.reason == "the vehicle stands on the ground before it has found the platform"
+    assert landing.t_s == pytest.approx(0.5, abs=0.05)
+
+
+def test_a_silent_estimator_is_named_in_what_to_check() -> None:
+    rig = Landing(BOTH)
+    rig.silent = True
+    watch = LandingWatch(RoverLandingConfig(), 0, rig.state())
+    watch.update(NS_PER_S, rig.state(), "search", "")
+    done = watch.update(181 * NS_PER_S, rig.state(), "search", "the estimator is silent")
+    assert done is not None and done.reason.endswith("check that the estimator runs (`jezero ps`)")
+
+
 def test_the_way_to_the_platform_does_not_lead_below_a_metre_by_the_altimeter() -> None:
     landing = Landing(BOTH, (-1.0, -3.0, -3.0))
     landing.offset_of_estimate_m = (0.0, 0.0, -9.0)
@@ -178,6 +225,11 @@ def test_a_refusal_names_the_wind_the_limit_its_setting_and_what_to_do() -> None
         "the wind is 10.0 m/s with gusts to 12.5 m/s, and a landing is limited to 9 m/s (wind_max_mps): "
         "wait for less wind, or use force"
     )
+
+
+def test_the_wind_is_named_as_far_as_it_is_known() -> None:
+    assert wind_words(None, None) == "the wind is unknown"
+    assert wind_words((3.0, -4.0, 9.0), None) == "the wind is 5.0 m/s"
 
 
 def test_gusts_above_the_limit_are_none_of_its_business() -> None:

@@ -139,20 +139,25 @@ def descending() -> PlainLanding:
     return behaviour
 
 
-@pytest.mark.parametrize(("height_m", "way_m"), [(5.0, 5.0), (0.2, 0.2), (-0.1, 0.0)])
-def test_what_remains_of_a_descent_is_the_way_down(height_m: float, way_m: float) -> None:
+@pytest.mark.parametrize(
+    ("height_m", "way_m", "down_s"), [(5.0, 5.0, 3.5 / 0.7 + 1.5 / 0.3), (0.3, 0.3, 1.0), (-0.1, 0.0, 0.0)]
+)
+def test_what_remains_of_a_descent_is_the_way_down_and_the_time_until_the_motors_stop(
+    height_m: float, way_m: float, down_s: float
+) -> None:
     remaining = descending().remaining(at((0.0, 0.0, -5.0), height_m))
-    assert remaining.distance_m == way_m
-    assert remaining.time_s > way_m / SETTINGS.plain.speed_high_mps
+    assert (remaining.distance_m, remaining.time_s) == pytest.approx((way_m, down_s + 4.0))
 
 
 @pytest.mark.parametrize("off_m", [0.1, -0.2, 30.0])
-def test_a_descent_comes_back_to_its_spot_without_overshoot_and_not_faster_than_it_may(off_m: float) -> None:
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_descent_comes_back_to_its_spot_without_overshoot_and_not_faster_than_it_may(off_m: float, axis: int) -> None:
     behaviour = descending()
-    move = behaviour.step(20 * S, at((off_m, 0.0, -4.0), 4.0))
+    move = behaviour.step(20 * S, at((off_m, 0.0, -4.0) if axis == 0 else (0.0, off_m, -4.0), 4.0))
     assert isinstance(move, Move) and move.vel_ned_mps is not None
-    back_mps = -move.vel_ned_mps[0] if off_m > 0.0 else move.vel_ned_mps[0]
-    assert 0.0 < back_mps <= min(abs(off_m) / 1.0, SPEED_HORIZONTAL_MAX_MPS) + 1e-9
+    back_mps = -move.vel_ned_mps[axis] if off_m > 0.0 else move.vel_ned_mps[axis]
+    assert 0.5 * min(abs(off_m), 0.5) < back_mps <= min(abs(off_m) / 1.0, SPEED_HORIZONTAL_MAX_MPS) + 1e-9
+    assert move.vel_ned_mps[1 - axis] == 0.0
 
 
 class Flight:
