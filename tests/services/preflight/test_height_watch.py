@@ -82,11 +82,8 @@ def test_the_height_that_differs_from_the_others_is_named(
     ],
 )
 def test_small_differences_are_normal_and_grow_with_the_height(range_m: float, barometer_m: float, wrong: str) -> None:
-    watch = HeightWatch(VehicleConfig())
-    margin_m = VehicleConfig().platform.height_m + 0.3
-    assert margin_m == pytest.approx(0.8, abs=0.3), "the numbers of this test are those of the usual platform"
     problem = climbed(3.0, range_m=range_m, barometer_m=barometer_m).problem
-    assert watch.problem == "" and (f"the {wrong} is wrong" in problem if wrong else problem == "")
+    assert f"the {wrong} is wrong" in problem if wrong else problem == ""
 
 
 @pytest.mark.parametrize(("height_m", "judged"), [(1.4, False), (1.6, True)])
