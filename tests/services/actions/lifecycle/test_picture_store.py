@@ -9,9 +9,9 @@ from jezero.schemas.images import ImageReply
 from jezero.services.actions.lifecycle.picture_store import PictureStore
 
 
-def picture(goal_id: str, index: int, size_bytes: int = 1000) -> ImageReply:
-    """On the disk and in memory it takes a third more."""
-    return ImageReply(goal_id=goal_id, index=index, pixels=bytes(size_bytes))
+def picture(goal_id: str, index: int) -> ImageReply:
+    """A picture of 1200 bytes, and some more for its numbers."""
+    return ImageReply(goal_id=goal_id, index=index, width_px=20, height_px=20, pixels=bytes(1200))
 
 
 def there(store: PictureStore, goal_id: str, index: int = 0) -> bool:
@@ -43,16 +43,16 @@ def test_pictures_of_an_earlier_run_are_deleted(tmp_path: Path) -> None:
 
 def test_pictures_that_wait_for_the_disk_are_served_and_limited(tmp_path: Path) -> None:
     work: list[Callable[[], None]] = []
-    store = PictureStore(tmp_path, execute=work.append, unwritten_max_bytes=4000)
+    store = PictureStore(tmp_path, execute=work.append, unwritten_max_bytes=3500)
     store.keep(picture("a", 0))
     store.keep(picture("a", 1))
     assert there(store, "a") and there(store, "a", 1)
     with pytest.raises(OSError, match="the disk doesn't keep up"):
-        store.keep(picture("a", 2, 2000))
+        store.keep(picture("a", 2))
     assert not there(store, "a", 2)
     for write in work:
         write()
-    store.keep(picture("a", 2, 2000))
+    store.keep(picture("a", 2))
     assert there(store, "a", 2)
 
 
