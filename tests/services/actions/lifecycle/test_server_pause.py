@@ -141,6 +141,19 @@ def test_a_late_request_has_no_effect(issued_s_ago: float, reason: str) -> None:
     assert reason in reply.reason
 
 
+def test_a_request_without_a_time_counts_from_its_arrival() -> None:
+    world = World()
+    world.bus.run_for(5.0)
+    world.flying()
+    begin_ns = world.bus.t_ns
+    world.bus.run_for(0.5)
+    assert request(world, Pause(goal_id="far")).paused
+    late = request(world, Resume(goal_id="far", issued_t_ns=begin_ns))
+    assert (late.resumed, late.reason) == (False, "a newer request came before this one")
+    assert request(world, Resume(goal_id="far")).resumed
+    assert not request(world, Pause(goal_id="far", issued_t_ns=begin_ns)).paused
+
+
 @pytest.mark.parametrize("how", ["cancel", "revoke"])
 def test_a_paused_goal_ends_as_ever(how: str) -> None:
     world = World()
