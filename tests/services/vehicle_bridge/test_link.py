@@ -164,27 +164,17 @@ def test_the_vehicle_has_landed_when_the_autopilot_says_that_it_is_on_the_ground
 
 def test_chunks_of_another_text_and_texts_without_chunks_are_texts_of_their_own() -> None:
     link = AutopilotLink(1)
-    receive(
-        link, dialect.MAVLink_statustext_message(2, b"one", 7, 0), dialect.MAVLink_statustext_message(2, b"two", 8, 1)
-    )
-    assert link.telemetry.warning == "two"
-    receive(
-        link,
-        dialect.MAVLink_statustext_message(2, b"three", 0, 0),
-        dialect.MAVLink_statustext_message(2, b"four", 0, 1),
-    )
-    assert link.telemetry.warning == "four"
+    for text, text_id, chunk in ((b"one", 7, 0), (b"two", 8, 1), (b"three", 0, 0), (b"four", 0, 1)):
+        receive(link, dialect.MAVLink_statustext_message(2, text, text_id, chunk))
+        assert link.telemetry.warning == text.decode()
 
 
-@pytest.mark.parametrize(
-    ("percent", "millivolts", "battery"),
-    [(0, 14_000, 0.0), (100, 14_000, 1.0), (-1, 14_000, None), (101, 14_000, None)],
-)
-def test_a_charge_that_is_no_percentage_is_unknown(percent: int, millivolts: int, battery: float | None) -> None:
+@pytest.mark.parametrize(("percent", "remaining"), [(0, 0.0), (100, 1.0), (-1, None), (101, None)])
+def test_a_charge_that_is_no_percentage_is_unknown(percent: int, remaining: float | None) -> None:
     link = AutopilotLink(1)
-    receive(link, dialect.MAVLink_sys_status_message(0, 0, 0, 0, millivolts, -1, percent, 0, 0, 0, 0, 0, 0))
+    receive(link, dialect.MAVLink_sys_status_message(0, 0, 0, 0, 14_000, -1, percent, 0, 0, 0, 0, 0, 0))
     assert link.telemetry.battery is not None
-    assert link.telemetry.battery.remaining == battery
+    assert link.telemetry.battery.remaining == remaining
     receive(link, dialect.MAVLink_sys_status_message(0, 0, 0, 0, 0xFFFF, -1, -1, 0, 0, 0, 0, 0, 0))
     assert link.telemetry.battery is None
 

@@ -207,7 +207,7 @@ def test_a_canceled_goal_whose_release_was_carried_out_without_a_reply_is_cancel
     world = World()
     world.bridge.lost_replies = 1
     goal = world.flying()
-    world.bus.send_request(topics.GO_TO.cancel, Cancel(goal_id="far"))
+    world.bus.send_request(topics.GO_TO.cancel, Cancel(goal_id="far"), "me")
     result = world.end(goal, 21.0)
     assert (result.outcome, result.reason) == ("canceled", "canceled by a client")
     assert [release.outcome for release in world.bridge.releases] == ["canceled", "canceled"]
