@@ -9,18 +9,11 @@ from msgspec.structs import replace
 from jezero.base.frames import Vec3, add, altitude_m, quat_from_euler, subtract
 from jezero.schemas.goals import LandPhase
 from jezero.services.actions.land_on_spot.config import SearchConfig
-from jezero.services.actions.land_on_spot.contact import DISARM_S, FORCE_S, foot_drop_m
+from jezero.services.actions.land_on_spot.contact import foot_drop_m
 from jezero.services.actions.land_on_spot.platform import (
-    AT_ONCE_BELOW_M,
-    COMMIT_M,
-    DRIVE_TIME_CONSTANT_S,
-    SLOWER_DOWN_MPS2,
     PlatformState,
 )
 from jezero.services.actions.land_on_spot.rover_landing import (
-    ACQUIRE_S,
-    SEARCH_SPEED_DOWN_MAX_MPS,
-    SEARCH_SPEED_MPS,
     RoverLanding,
     Search,
     rover_landing_remaining,
@@ -54,7 +47,7 @@ def test_it_comes_down_on_the_middle_of_a_rover_that_stands_drives_or_turns(
         if move.vel_ned_mps is None or move.feedback.phase != "descent":
             continue
         assert move.vel_ned_mps[2] <= max(0.6 * height_m, 0.35) + 0.05
-        if move.vel_ned_mps[2] > 0.0 and height_m > COMMIT_M + 0.05:
+        if move.vel_ned_mps[2] > 0.0 and height_m > 0.15:
             assert error_m < 0.03 + 0.13 * height_m
     last = [move.vel_ned_mps for _, _, move in landing.moves[-20:]]
     assert all(vel is not None and vel[2] == 0.5 for vel in last)
@@ -142,7 +135,7 @@ def test_a_height_that_jumps_up_in_the_search_does_not_bring_it_down_fast() -> N
     before = len(landing.moves)
     assert landing.run(2.0) is None
     fastest_mps = max(move.vel_ned_mps[2] for _, _, move in landing.moves[before:] if move.vel_ned_mps is not None)
-    assert 0.0 < fastest_mps <= SEARCH_SPEED_DOWN_MAX_MPS
+    assert 0.0 < fastest_mps <= 0.15
 
 
 def test_near_the_ground_the_search_does_not_go_down() -> None:
@@ -165,7 +158,7 @@ def test_a_rover_that_was_seen_at_an_impossible_speed_is_not_followed_far() -> N
     assert done is not None
     assert done.reason.startswith("TARGET_LOST: not found in 3 rounds of search")
     away_m = subtract(landing.pos_m, seen_at_m)
-    assert hypot(*away_m[:2]) < 2.4 * (5.5 + DRIVE_TIME_CONSTANT_S) + 7.0
+    assert hypot(*away_m[:2]) < 2.4 * (5.5 + 10.0) + 7.0
 
 
 def test_below_the_last_range_of_the_tag_it_finishes_blind() -> None:
@@ -199,7 +192,7 @@ def test_standing_for_long_enough_it_is_disarmed_by_force_when_the_autopilot_doe
     landing.grounded = False
     assert landing.run(60.0) == Done("succeeded", then="force_disarm")
     contact_s = contact_begin_s(landing)
-    assert landing.t_s - contact_s == pytest.approx(FORCE_S, abs=0.6)
+    assert landing.t_s - contact_s == pytest.approx(3.0, abs=0.6)
     last = [altitude_m(offset_m[2]) for t_s, offset_m, _ in landing.moves if t_s > landing.t_s - 2.0]
     assert max(last) < 0.1
 
@@ -250,7 +243,7 @@ def test_signs_that_lapse_begin_anew() -> None:
     contact_s = landing.t_s
     landing.sees = lambda t_s, offset_m: not contact_s + 1.0 < t_s < contact_s + 1.9
     assert landing.run(60.0) == Done("succeeded", then="force_disarm")
-    assert landing.t_s - contact_s > 1.9 + FORCE_S - 0.1
+    assert landing.t_s - contact_s > 4.8
 
 
 def test_signs_that_do_not_last_are_none() -> None:
@@ -319,10 +312,10 @@ def test_the_vertical_setpoint_makes_no_jump_while_the_estimate_is_good_and_poor
     landing = Landing(BOTH)
     landing.std_at = lambda offset_m: 0.0 if round(landing.t_s / DT_S) % 50 < 25 else 0.4
     landing.run(15.0)
-    high = [move for _, offset_m, move in landing.moves if altitude_m(offset_m[2]) > AT_ONCE_BELOW_M]
+    high = [move for _, offset_m, move in landing.moves if altitude_m(offset_m[2]) > 0.6]
     down_mps = [move.vel_ned_mps[2] for move in high if move.vel_ned_mps is not None]
     assert max(down_mps) > 0.2
-    assert max(abs(b - a) for a, b in pairwise(down_mps)) <= SLOWER_DOWN_MPS2 * DT_S + 1e-9
+    assert max(abs(b - a) for a, b in pairwise(down_mps)) <= 8.0 * DT_S + 1e-9
 
 
 def test_the_cone_does_not_widen_beyond_the_place_where_all_feet_stand_on_the_platform() -> None:
@@ -407,7 +400,7 @@ def test_the_rest_of_a_landing_that_uwb_does_not_reach_has_the_time_of_a_search(
     plain = [rover_landing_remaining((away_m, 0.0, -6.0), CONFIG.land_on_spot.rover) for away_m in (5.0, 40.0)]
     assert rests[0].time_s == pytest.approx(plain[0].time_s)
     beyond_m = hypot(40.0, 6.0) - CONFIG.vehicle.uwb.range_max_m
-    assert rests[1].time_s == pytest.approx(plain[1].time_s + ACQUIRE_S + beyond_m / SEARCH_SPEED_MPS)
+    assert rests[1].time_s == pytest.approx(plain[1].time_s + 3.0 + beyond_m / 1.5)
 
 
 @pytest.mark.parametrize("start_ned_m", [(-5.0, -3.0, -8.0), (5.0, -3.0, -8.0), (4.0, -3.0, -2.5)])
@@ -420,7 +413,7 @@ def test_the_rest_of_a_landing_is_about_the_time_that_it_takes(start_ned_m: Vec3
     away_m, height_m = hypot(start_ned_m[0] - 5.0, start_ned_m[1] + 3.0), -start_ned_m[2] - 0.5
     assert rest.distance_m == pytest.approx(away_m + height_m, abs=0.2)
     landing.run(90.0)
-    assert rest.time_s - DISARM_S == pytest.approx(landing.t_s - 0.1 - 0.8, rel=0.15)
+    assert rest.time_s - 4.0 == pytest.approx(landing.t_s - 0.1 - 0.8, rel=0.15)
 
 
 @pytest.mark.parametrize("speed_mps", [0.0, 0.8])

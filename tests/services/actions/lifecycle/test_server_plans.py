@@ -10,7 +10,6 @@ from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, Feedback, PlanReply, Rejected, Result
 from jezero.schemas.goals import AreaCoverageGoal, GetImagesGoal, Goal, GoToGoal, LandOnSpotGoal, TakeoffGoal
 from jezero.schemas.state import Battery, StatusCode
-from jezero.services.actions.land_on_spot.rover_landing import ACQUIRE_S, SEARCH_SPEED_MPS
 from tests.services.actions.fake_camera import FakeCamera
 from tests.services.actions.rig import CONFIG, FAR, World
 
@@ -164,5 +163,5 @@ def test_a_landing_with_the_rovers_rough_position_is_planned_by_it() -> None:
     far: Any = plan(World(), LandOnSpotGoal(use_uwb=False, landing_spot_ned_m=(40.0, 0.0, -0.5)))
     assert far.distance_m - near.distance_m == pytest.approx(35.0)
     follows_s = 35.0 / CONFIG.land_on_spot.rover.platform_control.speed_max_mps
-    searches_s = ACQUIRE_S + (40.0 - CONFIG.vehicle.uwb.range_max_m) / SEARCH_SPEED_MPS
+    searches_s = 3.0 + (40.0 - CONFIG.vehicle.uwb.range_max_m) / 1.5
     assert far.duration_s - near.duration_s == pytest.approx(follows_s + searches_s, abs=1.0)
