@@ -93,6 +93,28 @@ def test_odometry_that_cannot_be_is_counted_and_not_believed(fields: dict[str, A
     assert link.malformed == 1
 
 
+@pytest.mark.parametrize("narrow", [True, False])
+def test_over_a_narrow_line_alone_position_and_attitude_make_odometry(narrow: bool) -> None:
+    link = AutopilotLink(1, on_hardware=True)
+    assert link.rate is not None
+    link.rate.narrow = narrow
+    q = quat_from_euler(0.0, 0.0, 0.5)
+    attitude = dialect.MAVLink_attitude_quaternion_message(1000, *q, 0.1, 0.2, 0.0)
+    receive(link, attitude, dialect.MAVLink_local_position_ned_message(1000, 1.0, 2.0, -3.0, 0.5, 0.0, -0.1))
+    found = link.telemetry.odometry
+    if not narrow:
+        assert found is None
+        return
+    assert found is not None
+    assert (found.t_ns, found.pos_uav_ned_m) == (S, (1.0, 2.0, -3.0))
+    assert found.vel_uav_ned_mps == pytest.approx((0.5, 0.0, -0.1))
+    assert found.q_ned_from_frd == pytest.approx(q)
+    for bad in ((nan, 0.0, 0.0), (2e6, 0.0, 0.0)):
+        receive(link, dialect.MAVLink_local_position_ned_message(1020, *bad, 0.0, 0.0, 0.0))
+    assert link.malformed == 2
+    assert link.telemetry.odometry is found
+
+
 def test_datagrams_that_overtook_each_other_are_not_a_restart() -> None:
     link = AutopilotLink(1)
     received = receive(link, odometry(2_000_000), odometry(1_980_000), odometry(2_020_000))
