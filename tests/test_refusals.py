@@ -5,6 +5,11 @@ import re
 from functools import cache
 from pathlib import Path
 
+import pytest
+
+pytestmark = pytest.mark.xdist_group("refusals")
+"""One worker parses the modules, once."""
+
 ROOT = Path(__file__).parents[1]
 NAMED = re.compile(r"^(?!is_)(.*_)?(refusal|reason)$")
 DESCRIBED = re.compile(r"\b(reason|why|refus\w+)\b", re.IGNORECASE)

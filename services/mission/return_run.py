@@ -40,11 +40,6 @@ class ReturnRun:
         self._interventions: tuple[int, int] | None = None
         """Bridge's boot id and the number of interventions, when the first goal began."""
 
-    @property
-    def goal_id(self) -> str:
-        """Id of the goal that flies; "" before."""
-        return "" if self._run is None else self._run.goal_id
-
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """Go on with the return."""
         status = inbox.latest(STATUS)

@@ -11,6 +11,9 @@ from jezero.cli.main import main
 from jezero.services.estimator.config import EstimatorConfig
 from tests.replay.rig import SEED, record_takeoff
 
+pytestmark = pytest.mark.xdist_group("replay through")
+"""One worker makes the recordings, once."""
+
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -20,6 +20,7 @@ from jezero.client.session import Connection
 from jezero.keys.bundle import secured
 from jezero.keys.members import MEMBERS as MEMBERS_FILE
 from jezero.keys.members import Role
+from jezero.keys.rights import may_send
 from jezero.keys.team import Team
 from jezero.runtime.instance import HostLinks, socket_of
 from jezero.runtime.routing import ListenError, open_gate, open_router
@@ -338,3 +339,23 @@ def test_a_router_without_the_list_of_members_does_not_listen(tmp_path: Path) ->
     links = HostLinks(listen=(f"tls/127.0.0.1:{free_port()}",))
     with pytest.raises(ListenError, match="a router with TLS needs the bundle of its computer"):
         open_gate(socket_of(tmp_path), VEHICLE, links)
+
+
+# -- the same rights, by the names alone --
+
+
+@pytest.mark.parametrize(
+    ("role", "names"),
+    [
+        ("viewer", ()),
+        ("pilot", ("@control/hover", "@action/go_to", "command/velocity")),
+        ("rover", ("rover/odometry", "health/rover")),
+        ("vehicle", ("odometry", "command/setpoint", "health/estimator", "rover/odometry")),
+    ],
+)
+def test_what_a_role_may_send_by_its_name(role: Role, names: tuple[str, ...]) -> None:
+    every = {"@control/hover", "@action/go_to", "command/velocity", "odometry", "command/setpoint", "health/estimator"}
+    for name in names:
+        assert may_send(role, name), name
+    if role != "vehicle":
+        assert [name for name in sorted(every - set(names)) if may_send(role, name)] == []

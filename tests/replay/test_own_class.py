@@ -23,6 +23,9 @@ from jezero.trials.stack import build_stack
 from tests.replay.rig import SEED, STANDING_S
 from tests.scenario.test_own_estimator import program
 
+pytestmark = pytest.mark.xdist_group("own class")
+"""One worker makes the recordings, once."""
+
 MODULE = "my_estimator"
 MINE = f"{MODULE}:MyEstimator"
 MORE = """

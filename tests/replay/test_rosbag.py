@@ -35,6 +35,9 @@ from jezero.trials.flight import fly_virtually
 from jezero.trials.missions import FLIGHT
 from jezero.trials.stack import build_stack
 
+pytestmark = pytest.mark.xdist_group("rosbag")
+"""One worker makes the recordings, once."""
+
 VEHICLE = VehicleConfig()
 WALL_NS = 1_700_000_000_000_000_000
 """Time at which somebody's bag begins, by a clock of the wall."""

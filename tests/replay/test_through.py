@@ -16,6 +16,9 @@ from jezero.schemas.actions import Accepted, Rejected
 from jezero.schemas.topics import RELATIVE, journal_of
 from tests.replay.rig import STANDING_S, record_standing, record_takeoff
 
+pytestmark = pytest.mark.xdist_group("replay through")
+"""One worker makes the recordings, once."""
+
 ESTIMATOR_JOURNAL = journal_of("estimator").name
 
 

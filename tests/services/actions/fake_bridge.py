@@ -51,6 +51,7 @@ class FakeBridge:
         battery: published with the status.
         error_heading_rad: error of the heading, by which the point mass accelerates in a wrong direction.
         wind_ned_mps: estimated wind, published with the status.
+        origin_deg: of the world, published with the odometry.
         offset_ned_m: sum of the autopilot's position steps so far; positions contain it.
     """
 
@@ -79,6 +80,7 @@ class FakeBridge:
         self.battery: Battery | None = None
         self.error_heading_rad = 0.0
         self.wind_ned_mps: Vec3 | None = None
+        self.origin_deg: Vec3 | None = None
         self.offset_ned_m: Vec3 = (0.0, 0.0, 0.0)
         self.releases: list[Release] = []
         self.setpoints: list[Setpoint] = []
@@ -166,6 +168,7 @@ class FakeBridge:
             vel_uav_ned_mps=self.vel_ned_mps,
             q_ned_from_frd=(1.0, 0.0, 0.0, 0.0),
             rates_uav_frd_rps=(0.0, 0.0, 0.0),
+            origin_deg=self.origin_deg,
             reset_counter=self._resets,
             reset_offset_ned_m=self.offset_ned_m,
         )

@@ -1,7 +1,7 @@
 """The behaviours against a point mass: they arrive, within their limits, with finite setpoints."""
 
 from itertools import pairwise
-from math import dist, hypot, isfinite
+from math import dist, isfinite
 from typing import Any
 
 import pytest
@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from jezero.base.frames import Quat, Vec3, add, norm, quat_from_euler, scale, wrap_pi
+from jezero.base.frames import Vec3, add, norm, quat_from_euler, scale, wrap_pi
 from jezero.schemas.commands import Phase
-from jezero.schemas.goals import GoToGoal, LandOnSpotGoal, LandResult, TakeoffGoal
+from jezero.schemas.goals import GoToGoal, TakeoffGoal
 from jezero.schemas.rows import Action
 from jezero.schemas.state import Status
-from jezero.schemas.topics import GO_TO, LAND_ON_SPOT, TAKEOFF
+from jezero.schemas.topics import GO_TO, TAKEOFF
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.motion import straight_path
 from jezero.services.actions.motion.behaviour import Done, Move, Plan, Preparation, Refusal, VehicleState
@@ -278,111 +278,3 @@ def test_a_path_without_length_is_reached_at_once() -> None:
         path.step(step * 20_000_000, state)
     assert path.reached
     assert path.vel_ned_mps == STILL
-
-
-LAND = LandOnSpotGoal(use_uwb=False, use_tag=False, landing_spot_ned_m=(2.0, -1.0, 0.0))
-
-
-@pytest.mark.parametrize("rangefinder", [True, False])
-def test_a_landing_approaches_descends_slows_down_and_disarms(rangefinder: bool) -> None:
-    flight = Flight(LAND_ON_SPOT, LAND, hovering((0.0, 0.0, -5.0)))
-    flight.rangefinder = rangefinder
-    assert flight.run(60.0) == Done("succeeded", then="disarm")
-    phases = [move.feedback.phase for _, move in flight.moves]
-    assert list(dict.fromkeys(phases)) == ["approach", "descent", "contact"]
-    assert {move.phase for _, move in flight.moves} == {Phase.LANDING}
-    x, y, _ = flight.state.pos_uav_ned_m
-    assert hypot(x - 2.0, y + 1.0) < 0.15
-    for state, move in flight.moves:
-        down = move.vel_ned_mps[2] if move.vel_ned_mps else 0.0
-        if move.feedback.phase == "descent":
-            assert down <= 0.7
-            assert down == 0.3 or -state.pos_uav_ned_m[2] >= 1.5
-        if move.feedback.phase == "contact":
-            assert move.vel_ned_mps == (0.0, 0.0, 0.5)
-            assert -state.pos_uav_ned_m[2] < 0.2
-    result = flight.behaviour.result(True, (2.0, -1.0, 0.0))
-    assert result == LandResult(completed=True, touchdown_ned_m=(2.0, -1.0, 0.0))
-
-
-def test_a_landing_from_low_climbs_before_it_approaches() -> None:
-    flight = Flight(LAND_ON_SPOT, LAND, hovering((0.0, 0.0, -0.6)))
-    assert flight.run(60.0) == Done("succeeded", then="disarm")
-    for state, move in flight.moves:
-        if move.pos_ned_m is not None and state.pos_uav_ned_m[2] > -1.3:
-            assert move.pos_ned_m[:2] == (0.0, 0.0)
-
-
-def test_a_landing_whose_touchdown_nobody_confirms_is_given_up() -> None:
-    flight = Flight(LAND_ON_SPOT, LAND, hovering((2.0, -1.0, -2.0)))
-    while not (flight.moves and flight.moves[-1][1].feedback.phase == "contact"):
-        assert flight.run(DT_S) is None
-    for _ in range(2000):
-        flight.state = replace(flight.state, landed=False)
-        flight.run(DT_S)
-        if flight.done is not None:
-            break
-    assert flight.done is not None
-    assert flight.done.outcome == "aborted"
-    assert "doesn't detect the ground" in flight.done.reason
-
-
-def descend(flight: Flight, to_phase: str) -> None:
-    while not (flight.moves and flight.moves[-1][1].feedback.phase == to_phase):
-        assert flight.run(DT_S) is None
-
-
-NOSE_UP, TO_THE_RIGHT = quat_from_euler(0.0, 0.25, 0.0), quat_from_euler(0.25, 0.0, 0.0)
-
-
-@pytest.mark.parametrize("tilted", [NOSE_UP, TO_THE_RIGHT])
-def test_a_landing_that_tilts_over_something_climbs_and_is_given_up(tilted: Quat) -> None:
-    flight = Flight(LAND_ON_SPOT, LAND, hovering((2.0, -1.0, -2.0)))
-    while flight.state.pos_uav_ned_m[2] < 0.0:
-        assert flight.run(DT_S) is None
-    flight.state = replace(flight.state, q_ned_from_frd=tilted)
-    before = len(flight.moves)
-    done = flight.run(10.0)
-    assert done is not None
-    assert (done.outcome, done.then) == ("aborted", "hover")
-    assert done.reason == "the vehicle tilted over an edge or a rock at the landing spot: land somewhere else"
-    climbs = [move for _, move in flight.moves[before:] if move.vel_ned_mps == (0.0, 0.0, -1.0)]
-    assert len(climbs) == pytest.approx(1.5 / DT_S, abs=2)
-    assert flight.state.pos_uav_ned_m[2] < -1.0
-
-
-def test_a_tilt_against_the_wind_is_no_edge() -> None:
-    flight = Flight(LAND_ON_SPOT, LAND, replace(hovering((2.0, -1.0, -2.0)), q_ned_from_frd=NOSE_UP))
-    descend(flight, "contact")
-    assert flight.run(10.0) == Done("succeeded", then="disarm")
-
-
-def test_a_tilt_in_the_air_is_no_edge() -> None:
-    flight = Flight(LAND_ON_SPOT, LAND, hovering((2.0, -1.0, -4.0)))
-    descend(flight, "descent")
-    flight.run(0.5)
-    flight.state = replace(flight.state, q_ned_from_frd=NOSE_UP)
-    assert flight.run(1.0) is None
-    downs = [move.vel_ned_mps[2] for _, move in flight.moves if move.vel_ned_mps and move.pos_ned_m is None]
-    assert min(downs) > 0.0
-
-
-def test_a_vehicle_that_lies_on_its_side_has_not_landed() -> None:
-    flight = Flight(LAND_ON_SPOT, LAND, hovering((2.0, -1.0, -2.0)))
-    descend(flight, "contact")
-    flight.state = replace(flight.state, landed=True, q_ned_from_frd=(0.6, 0.8, 0.0, 0.0))
-    done = flight.behaviour.step(flight.t_ns + int(DT_S * 1e9), flight.state)
-    assert done == Done("aborted", "the vehicle fell over: it is tilted by 106 degrees", "disarm")
-
-
-def test_a_vehicle_that_falls_after_a_false_contact_descends_again() -> None:
-    flight = Flight(LAND_ON_SPOT, LAND, hovering((2.0, -1.0, -4.0)))
-    while not (flight.moves and flight.moves[-1][1].feedback.phase == "descent"):
-        flight.run(DT_S)
-    flight.pushable = False
-    flight.state = replace(flight.state, vel_uav_ned_mps=STILL)
-    flight.run(2.0)
-    assert flight.moves[-1][1].feedback.phase == "contact"
-    flight.pushable = True
-    assert flight.run(60.0) == Done("succeeded", then="disarm")
-    assert norm(flight.moves[-100][0].vel_uav_ned_mps) < 0.61

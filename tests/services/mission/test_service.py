@@ -1,82 +1,18 @@
 """What the mission service does with an interrupted mission, and what it refuses."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import pytest
 from msgspec.structs import replace
 
-from jezero.runtime.service import Call, Output, Reply, Request, Response
-from jezero.schemas.actions import PlanReply
-from jezero.schemas.goals import ReturnHomeGoal
-from jezero.schemas.mission import GoalStep, Mission, MissionCommand, MissionReply
-from jezero.schemas.state import Battery, Status, StatusCode
-from jezero.schemas.topics import ACTIONS, COMMAND_MISSION, RUN_MISSION, STATUS
-from jezero.schemas.units import NS_PER_S
+from jezero.schemas.mission import GoalStep, Mission, MissionCommand
+from jezero.schemas.state import Battery, Status
 from jezero.services.mission.record import MissionRecord
 from jezero.services.mission.rules import swap_refusal
-from jezero.services.mission.service import MissionService
-from tests.client.rig import ODOMETRY, a_status
+from tests.services.mission.rig import FLYING, LANDED, STEP, Flown, at_altitude
 
-STEP = GoalStep(label="go", action="go_to", goal={"target_ned_m": [1.0, 0.0, -3.0]})
 LAND = GoalStep(label="land", action="land_on_spot", goal={})
 MISSION = Mission(name="test", steps=(STEP, STEP))
-FLYING = replace(a_status(StatusCode.HOVER), battery=Battery(voltage_v=15.0, remaining=0.9))
-LANDED = replace(a_status(StatusCode.IDLE), battery=Battery(voltage_v=15.0, remaining=0.9))
-
-
-def at_altitude(altitude_m: float) -> Status:
-    return replace(FLYING, odometry=replace(ODOMETRY, pos_uav_ned_m=(1.0, 2.0, -altitude_m)))
-
-
-class Box:
-    """What arrives at the service in one step."""
-
-    wall_ns, connected, departed, has_requests = 0, True, (), True
-
-    def __init__(self, status: Status, request: Any = None, responses: Sequence[Response] = ()) -> None:
-        self.status, self.request, self.responses = status, request, responses
-
-    def latest(self, topic: Any) -> Any:
-        return self.status if topic is STATUS else None
-
-    def new(self, topic: Any) -> Sequence[Any]:
-        return ()
-
-    def requests(self, endpoint: Any) -> Sequence[Request]:
-        wanted = {RUN_MISSION: Mission, COMMAND_MISSION: MissionCommand}.get(endpoint)
-        return [Request(1, "client", self.request)] if wanted is not None and isinstance(self.request, wanted) else ()
-
-
-class Flown:
-    """Steps a mission service once a second.
-
-    Args:
-        saved: the mission of the run before.
-
-    Attributes:
-        records: every record that was kept.
-    """
-
-    def __init__(self, saved: MissionRecord | None = None) -> None:
-        self.records: list[MissionRecord] = []
-        self._service = MissionService(1, ACTIONS, saved, self.records.append)
-        self._t_ns = 0
-
-    def step(self, status: Status, request: Any = None, *responses: Response) -> list[Output]:
-        self._t_ns += NS_PER_S
-        return list(self._service.step(self._t_ns, Box(status, request, responses)))  # type: ignore[arg-type]
-
-    def ask(self, status: Status, request: Any) -> MissionReply:
-        (reply,) = [output.payload for output in self.step(status, request) if isinstance(output, Reply)]
-        assert isinstance(reply, MissionReply)
-        return reply
-
-    def goals(self, status: Status) -> list[tuple[str, Any]]:
-        """Names of the actions to which goals are sent in the next step, and the goals."""
-        calls = [output for output in self.step(status) if isinstance(output, Call)]
-        names = {action.endpoint: name for name, action in ACTIONS.items()}
-        return [(names[call.endpoint], call.payload) for call in calls if call.endpoint in names]
 
 
 @pytest.mark.parametrize(
@@ -151,32 +87,6 @@ def test_another_battery_is_accepted_on_the_ground_alone_with_the_motors_off_and
     assert refusal.startswith(refused) and bool(refusal) is bool(refused)
     assert "the vehicle flies" in swap_refusal(record, None)
     assert "no battery is waited for" in swap_refusal(record.in_state("paused"), LANDED)
-
-
-def returning() -> tuple[Flown, Status]:
-    """A mission service whose battery is just enough for the way home, and the status with it."""
-    flown = Flown()
-    assert flown.ask(FLYING, MISSION).accepted
-    plans = [output for output in flown.step(FLYING) if isinstance(output, Call)]
-    (tag,) = [call.tag for call in plans if isinstance(call.payload, ReturnHomeGoal)]
-    low = replace(FLYING, battery=Battery(voltage_v=15.0, remaining=0.15))
-    flown.step(low, None, Response(tag, PlanReply(accepted=True, duration_s=900.0)))
-    for _ in range(4):
-        flown.step(low)
-    return flown, low
-
-
-@pytest.mark.parametrize("command", ["pause", "resume", "skip", "swapped"])
-def test_while_the_vehicle_returns_nothing_but_an_end_of_the_mission_is_accepted(command: Any) -> None:
-    flown, low = returning()
-    reply = flown.ask(low, MissionCommand(command=command))
-    assert not reply.accepted
-    assert "wait until it has landed, or end the return with jezero hover" in reply.reason
-    assert flown.records[-1].state == "interrupted"
-    reply = flown.ask(low, MISSION)
-    assert not reply.accepted
-    assert "wait until it has landed" in reply.reason
-    assert flown.ask(low, MissionCommand(command="stop")).accepted
 
 
 def test_a_mission_with_a_step_that_a_client_would_have_to_steer_is_refused() -> None:

@@ -33,3 +33,17 @@ def test_a_reset_on_the_ground_and_a_turn_in_flight_are_normal() -> None:
         watch.update(each)
     watch.update(turned(0.5, 1, flies=True))
     assert watch.problem == ""
+
+
+def test_a_reset_is_judged_only_of_an_armed_vehicle_in_the_air_whose_position_is_known() -> None:
+    before, after = turned(0.5, 0, flies=True), turned(2.0, 1, flies=True)
+    for first, second in (
+        (replace(before, landed=True), replace(after, landed=True)),
+        (replace(before, armed=False), replace(after, armed=False)),
+        (replace(before, odometry=None), after),
+        (before, replace(after, odometry=None)),
+    ):
+        watch = HeadingWatch()
+        watch.update(first)
+        watch.update(second)
+        assert watch.problem == ""

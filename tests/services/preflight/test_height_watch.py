@@ -68,6 +68,39 @@ def test_the_height_that_differs_from_the_others_is_named(
     assert check.verdict == "failed" and named in check.text
 
 
+@pytest.mark.parametrize(
+    ("range_m", "barometer_m", "wrong"),
+    [
+        (2.2, 3.0, ""),  # 0.8 m for the platform and its margin, and a tenth of the height: 1.1 m in all at 3 m
+        (1.8, 3.0, "altimeter"),
+        (3.8, 3.0, ""),
+        (4.2, 3.0, "altimeter"),
+        (3.0, 0.8, ""),  # 2.3 m
+        (3.0, 0.6, "barometer"),
+        (3.0, 5.2, ""),
+        (3.0, 5.4, "barometer"),
+    ],
+)
+def test_small_differences_are_normal_and_grow_with_the_height(range_m: float, barometer_m: float, wrong: str) -> None:
+    problem = climbed(3.0, range_m=range_m, barometer_m=barometer_m).problem
+    assert f"the {wrong} is wrong" in problem if wrong else problem == ""
+
+
+@pytest.mark.parametrize(("height_m", "judged"), [(1.4, False), (1.6, True)])
+def test_heights_are_compared_from_a_metre_and_a_half_on(height_m: float, judged: bool) -> None:
+    assert bool(climbed(height_m, range_m=8.0, barometer_m=height_m).problem) is judged
+
+
+def test_a_climb_without_readings_of_the_barometer_is_judged_by_the_altimeter() -> None:
+    watch = HeightWatch(VehicleConfig())
+    for tenth in range(10):
+        watch.update(at(0.1 * tenth, 0.0), [Altimeter(t_ns=0)], [])
+    for tenth in range(10, 40):
+        watch.update(at(0.1 * tenth, 3.0), [Altimeter(t_ns=0, range_m=0.2)], [])
+    assert "by the altimeter 0.2 m: the altimeter is wrong" in watch.problem
+    assert "barometer" not in watch.problem
+
+
 def test_a_platform_under_the_beam_a_reset_of_the_height_and_moving_air_are_normal() -> None:
     assert climbed(3.0, range_m=2.5, barometer_m=3.0).problem == ""
     assert climbed(3.0, range_m=3.5, barometer_m=1.5).problem == ""

@@ -19,6 +19,11 @@ from jezero.services.preflight.sensor_checks import (
 )
 from tests.services.preflight.healthy import HEARD, altimeter, baro, gnss, imu, mag, readings, rover, status, tags, uwb
 
+ONE_LOUD_ANCHOR = tuple(
+    msgspec.structs.replace(quiet, ranges=(*quiet.ranges[:-1], loud.ranges[-1]))
+    for quiet, loud in zip(uwb(), uwb(std_m=0.5), strict=True)
+)
+
 
 @pytest.mark.parametrize(
     ("topic", "messages", "verdict", "words"),
@@ -52,6 +57,7 @@ def test_a_sensor_that_has_never_been_heard_warns() -> None:
         (UWB, uwb(std_m=0.5), "failed", "UWB 0."),
         (UWB, uwb(speed_rover_mps=0.5), "passed", "UWB 0.0"),
         (UWB, uwb(outliers_m=5.0), "passed", "UWB 0.0"),
+        (UWB, ONE_LOUD_ANCHOR, "failed", "UWB 0."),
         (IMU, (imu()[0],) * 50, "failed", "the IMU repeats one reading to the last digit"),
         (MAG, (mag()[0],) * 10, "failed", "the magnetometer repeats one reading"),
     ],
@@ -92,6 +98,21 @@ def test_an_altimeter_that_measures_metres_below_a_standing_vehicle_fails() -> N
     assert check_sensors(readings({ALTIMETER.name: far, STATUS.name: (flying,)})).verdict == "passed"
 
 
+@pytest.mark.parametrize(("range_m", "verdict"), [(0.7, "passed"), (0.9, "failed")])
+def test_an_altimeter_may_look_past_a_stone_below_a_standing_vehicle(range_m: float, verdict: str) -> None:
+    near = tuple(msgspec.structs.replace(reading, range_m=range_m) for reading in altimeter())
+    assert check_sensors(readings({ALTIMETER.name: near})).verdict == verdict
+
+
+def test_a_sensor_that_sends_more_than_half_of_its_readings_is_not_slow() -> None:
+    assert check_sensors(readings({IMU.name: imu()[::2]})).verdict == "passed"
+
+
+def test_one_very_noisy_sensor_among_noisy_ones_fails() -> None:
+    outcome = check_noise(readings({IMU.name: imu(std_acc_mps2=0.3, std_gyro_rps=0.2)}))
+    assert outcome.verdict == "failed"
+
+
 def test_the_noise_of_a_flying_vehicle_is_not_judged() -> None:
     flying = status(code=int(StatusCode.HOVER))
     outcome = check_noise(readings({STATUS.name: (flying,), IMU.name: imu(std_acc_mps2=3.0)}))
@@ -114,10 +135,31 @@ def test_the_estimate_may_be_three_standard_deviations_and_a_margin_from_the_fix
     assert f"{north_m:.1f} m from the fixes, whose standard deviation is 0.5 m; 14 satellites" in outcome.text
 
 
-def test_few_satellites_warn() -> None:
-    outcome = check_gnss(readings({GNSS.name: gnss(satellites=5)}))
-    assert outcome.verdict == "warning"
-    assert "5 satellites" in outcome.text
+@pytest.mark.parametrize(("satellites", "verdict"), [(5, "warning"), (6, "passed")])
+def test_few_satellites_in_the_newest_fix_warn(satellites: int, verdict: str) -> None:
+    outcome = check_gnss(readings({GNSS.name: (*gnss()[:-1], gnss(satellites=satellites)[-1])}))
+    assert outcome.verdict == verdict
+    assert f"; {satellites} satellites" in outcome.text
+
+
+@pytest.mark.parametrize(("east_m", "verdict"), [(7.4, "passed"), (11.9, "warning"), (12.1, "failed")])
+def test_an_uncertain_position_may_be_farther_from_the_fixes(east_m: float, verdict: str) -> None:
+    """Three standard deviations of 2 m and 1.5 m are normal, and six are too much."""
+    here = status().odometry
+    assert here is not None
+    moved = msgspec.structs.replace(here, pos_uav_ned_m=(0.0, east_m, 0.0), std_pos_m=0.0)
+    fixes = (*gnss()[:-1], msgspec.structs.replace(gnss()[-1], std_horizontal_m=2.0))
+    outcome = check_gnss(readings({STATUS.name: (status(odometry=moved),), GNSS.name: fixes}))
+    assert outcome.verdict == verdict, outcome.text
+
+
+def test_without_a_position_or_an_origin_the_fixes_are_compared_with_nothing() -> None:
+    here = status().odometry
+    assert here is not None
+    for odometry in (None, msgspec.structs.replace(here, origin_deg=None)):
+        outcome = check_gnss(readings({STATUS.name: (status(odometry=odometry),)}))
+        assert (outcome.verdict, outcome.text[:33]) == ("warning", "the autopilot has no position yet")
+        assert check_compass(readings({STATUS.name: (status(odometry=odometry),)})).verdict != "failed"
 
 
 @pytest.mark.parametrize(
@@ -127,6 +169,7 @@ def test_the_heading_may_be_20_degrees_from_magnetic_north(error_deg: float, ver
     outcome = check_compass(readings({MAG.name: mag(error_rad=radians(error_deg), std_gauss=0.0)}))
     assert outcome.verdict == verdict
     assert f"heading is 29°, magnetic north lies {abs(error_deg):.0f}° from its north" in outcome.text
+    assert outcome.text.endswith("check how it is mounted") is (verdict != "passed")
 
 
 @pytest.mark.parametrize(
@@ -160,7 +203,8 @@ def test_the_rovers_compass_is_compared_with_the_tags_across_south() -> None:
 def test_a_rover_without_tags_in_view_or_without_odometry_never_fails() -> None:
     assert "no tag is in view" in check_rover(readings({ESTIMATE_TAG.name: ()})).text
     assert "no tag is in view" in check_rover(readings({ESTIMATE_TAG.name: tags(None)})).text
-    assert check_rover(readings({ROVER_ODOMETRY.name: ()})).verdict == "warning"
+    silent = check_rover(readings({ROVER_ODOMETRY.name: ()}))
+    assert (silent.verdict, silent.text[:29]) == ("warning", "the rover sends no odometry: ")
 
 
 @pytest.mark.parametrize(
@@ -174,6 +218,7 @@ def test_without_a_magnetometer_the_heading_is_compared_with_that_of_the_gnss_re
     outcome = check_compass(found)
     assert outcome.verdict == verdict
     assert f"heading is 29°, {abs(error_deg):.0f}° from that of the GNSS receiver's two antennas" in outcome.text
+    assert outcome.text.endswith("check how the antennas are mounted") is (verdict != "passed")
     assert check_sensors(found).verdict == "passed"
 
 

@@ -13,7 +13,6 @@ from jezero.runtime.service import Inbox, Output, Publish, Spec
 from jezero.schemas.preflight import GetPreflight, PreflightReply, PreflightReport
 from jezero.schemas.state import Battery, Clock, StatusCode
 from jezero.schemas.topics import CHECK_PREFLIGHT, CLOCK, MAG, STATUS
-from jezero.services.preflight.charge_watch import LEAST_FALL
 from jezero.services.preflight.checks import LANDING_CHAIN
 from jezero.services.preflight.service import Preflight
 from tests.services.preflight.healthy import mag, status
@@ -132,7 +131,7 @@ def flying(charge: float) -> dict[str, Any]:
 def test_a_charge_that_stands_still_in_flight_is_a_failed_check_until_it_changes() -> None:
     bench = Bench()
     bench.vehicle.status = flying(0.8)
-    report = bench.wait_report(LEAST_FALL / BatteryConfig().least_used(1.0) + 10.0)
+    report = bench.wait_report(0.06 / BatteryConfig().least_used(1.0) + 10.0)
     assert failed(report) == ["battery"]
     assert "the charge went from 80% to 80% in 14" in report.failed()[0].text
     assert "its gauge stands still" in report.failed()[0].text

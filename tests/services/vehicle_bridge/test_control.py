@@ -328,10 +328,23 @@ def test_no_message_that_others_read_has_the_control_id() -> None:
 
 
 def test_the_place_of_the_takeoff_is_in_the_status_while_the_vehicle_is_armed() -> None:
+    assert Rig().ready().status.takeoff_ned_m is None
     rig = Rig().ready()
-    assert rig.status.takeoff_ned_m is None
+    rig.autopilot.pos = [3.0, 4.0, -1.0]
     rig.fly()
-    assert rig.status.takeoff_ned_m is not None
+    assert rig.status.takeoff_ned_m == (3.0, 4.0, -1.0), "where it stood with its motors off"
+    rig.autopilot.pos = [9.0, 4.0, -5.0]
+    rig.run(0.2)
+    assert rig.status.takeoff_ned_m == (3.0, 4.0, -1.0)
+
+
+def test_a_vehicle_that_is_carried_along_while_its_motors_run_took_off_where_they_were_started() -> None:
+    rig = Rig().ready()
+    control_id = rig.acquire("takeoff").control_id
+    rig.run_until(lambda: rig.status.armed, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
+    rig.autopilot.pos = [5.0, 0.0, 0.0]
+    rig.run(0.2, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
+    assert rig.status.takeoff_ned_m == (0.0, 0.0, 0.0)
 
 
 def test_the_health_of_an_idle_bridge_says_why_the_vehicle_is_not_ready() -> None:

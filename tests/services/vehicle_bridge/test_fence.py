@@ -129,6 +129,19 @@ def test_a_fence_that_nobody_can_mean_is_refused_and_the_one_before_stays() -> N
     assert rig.status.fence_id == before != ""
 
 
+def test_a_fence_does_not_change_while_the_vehicle_is_armed_or_flies() -> None:
+    rig = flying()
+    before = rig.status.fence_id
+    for fence in (None, Fence(name="other", keep_in=FENCE.keep_in)):
+        reply = rig.request(SET_FENCE, SetFence(fence=fence))
+        assert not reply.accepted and "land and disarm first" in reply.reason
+    assert rig.status.fence_id == before != ""
+    rig = Rig().ready()
+    rig.autopilot.armed = True
+    rig.run(0.1)
+    assert not rig.request(SET_FENCE, SetFence(fence=FENCE)).accepted
+
+
 def test_a_hover_point_outside_is_refused_with_the_zone() -> None:
     rig = flying()
     reply = rig.request(HOVER, Hover(hover_req=True, hover_pos=(20.0, 0.0, -2.0)))

@@ -5,7 +5,7 @@ import pytest
 from jezero.base.frames import ned_from_geodetic
 from jezero.base.mavlink import MavMessage, dialect
 from jezero.schemas.fence import Fence, Zone
-from jezero.services.vehicle_bridge.fence import KEEP_IN, KEEP_OUT, TRIES, FenceUpload, autopilot_items
+from jezero.services.vehicle_bridge.fence import KEEP_IN, KEEP_OUT, FenceUpload, autopilot_items
 from tests.services.autopilot.test_mavlink_receiver import send
 from tests.services.autopilot.test_service import Bench
 
@@ -58,9 +58,47 @@ def test_an_autopilot_that_never_replies_is_named_after_some_tries() -> None:
     upload = FenceUpload(1)
     assert upload.due(0) is None, "without a fence nothing is sent"
     upload.start(autopilot_items(FENCE, ORIGIN_DEG))
-    sent = [upload.due(second * 1_000_000_000) for second in range(TRIES + 2)]
-    assert sum(message is not None for message in sent) == TRIES
+    sent = [upload.due(second * 1_000_000_000) for second in range(7)]
+    assert sum(message is not None for message in sent) == 5
     assert upload.failure == "the autopilot doesn't reply"
+
+
+def test_an_autopilot_that_asks_for_items_gets_as_much_time_again() -> None:
+    upload = FenceUpload(1)
+    upload.start(autopilot_items(FENCE, ORIGIN_DEG))
+    assert upload.due(0) is not None
+    request = dialect.MAVLink_mission_request_int_message(1, 191, 0, dialect.MAV_MISSION_TYPE_FENCE)
+    assert upload.on_message(request, 900_000_000) is not None
+    assert upload.due(1_800_000_000) is None
+    assert upload.due(1_900_000_000) is not None
+
+
+def test_messages_about_another_mission_and_items_that_there_are_not_are_ignored() -> None:
+    upload = FenceUpload(1)
+    fence, route = dialect.MAV_MISSION_TYPE_FENCE, dialect.MAV_MISSION_TYPE_MISSION
+    first = dialect.MAVLink_mission_request_int_message(1, 191, 0, fence)
+    assert upload.on_message(first, 0) is None, "no fence was sent"
+    upload.start(autopilot_items(FENCE, ORIGIN_DEG))
+    assert upload.on_message(dialect.MAVLink_mission_request_int_message(1, 191, 0, route), 0) is None
+    assert upload.on_message(dialect.MAVLink_mission_request_int_message(1, 191, 8, fence), 0) is None
+    upload.on_message(dialect.MAVLink_mission_ack_message(1, 191, 4, route), 0)
+    assert (upload.failure, upload.done) == ("", False)
+    upload.on_message(dialect.MAVLink_mission_ack_message(1, 191, 0, fence), 0)
+    assert upload.done
+    assert upload.on_message(first, 0) is None
+    assert upload.due(9_000_000_000) is None
+
+
+def test_a_restarted_autopilot_gets_the_fence_again_and_one_that_has_none_gets_none() -> None:
+    upload = FenceUpload(1)
+    upload.restart()
+    upload.clear()
+    assert upload.due(0) is None, "a fence that somebody else has stored stays"
+    upload.start(autopilot_items(FENCE, ORIGIN_DEG))
+    upload.on_message(dialect.MAVLink_mission_ack_message(1, 191, 0, dialect.MAV_MISSION_TYPE_FENCE), 0)
+    upload.restart()
+    message = upload.due(0)
+    assert message is not None and message.count == 8
 
 
 def test_a_refusal_is_named_with_its_number() -> None:

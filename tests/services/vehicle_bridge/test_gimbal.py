@@ -72,6 +72,14 @@ def test_the_gimbal_is_claimed_until_it_is_ours_and_not_after() -> None:
     assert client.problem(3_000 * MS) == "MAVLink system 255, component 190 is in control of the gimbal"
 
 
+def test_a_gimbal_that_has_fallen_silent_is_claimed_again() -> None:
+    client = GimbalClient(BRIDGE, MANAGER, DOWN)
+    client.on_status(dialect.MAVLink_gimbal_manager_status_message(0, 0, 1, *BRIDGE, 0, 0))
+    client.on_attitude(attitude_status((1.0, 0.0, 0.0, 0.0), 32), 1, TILTED, 0)
+    claims_ms = [ms for ms in range(0, 6000, 100) for m in client.due(TILTED, ms * MS) if m.get_msgId() == 76]
+    assert claims_ms and min(claims_ms) > 1000
+
+
 def test_a_command_is_sent_against_the_horizon_and_comes_back_as_the_same_angles() -> None:
     client, manager = GimbalClient(BRIDGE, MANAGER, DOWN), GimbalManager()
     assert manager.configure((1.0, 191.0), BRIDGE)

@@ -76,12 +76,43 @@ def test_velocity_in_the_body_frame_is_turned_into_ned() -> None:
     assert received.vel_uav_ned_mps == pytest.approx((0.0, 1.0, 0.0), abs=1e-6)
 
 
-@pytest.mark.parametrize("fields", [{"x": nan}, {"vz": float("inf")}, {"z": 2e6}, {"vx": 2e3}, {"frame_id": 12}])
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"x": nan},
+        {"vz": float("inf")},
+        *({axis: 2e6} for axis in "xyz"),
+        *({f"v{axis}": 2e3} for axis in "xyz"),
+        {"frame_id": 12},
+    ],
+)
 def test_odometry_that_cannot_be_is_counted_and_not_believed(fields: dict[str, Any]) -> None:
     link = AutopilotLink(1)
     receive(link, odometry(**fields))
     assert link.telemetry.odometry is None
     assert link.malformed == 1
+
+
+@pytest.mark.parametrize("narrow", [True, False])
+def test_over_a_narrow_line_alone_position_and_attitude_make_odometry(narrow: bool) -> None:
+    link = AutopilotLink(1, on_hardware=True)
+    assert link.rate is not None
+    link.rate.narrow = narrow
+    q = quat_from_euler(0.0, 0.0, 0.5)
+    attitude = dialect.MAVLink_attitude_quaternion_message(1000, *q, 0.1, 0.2, 0.0)
+    receive(link, attitude, dialect.MAVLink_local_position_ned_message(1000, 1.0, 2.0, -3.0, 0.5, 0.0, -0.1))
+    found = link.telemetry.odometry
+    if not narrow:
+        assert found is None
+        return
+    assert found is not None
+    assert (found.t_ns, found.pos_uav_ned_m) == (S, (1.0, 2.0, -3.0))
+    assert found.vel_uav_ned_mps == pytest.approx((0.5, 0.0, -0.1))
+    assert found.q_ned_from_frd == pytest.approx(q)
+    for bad in ((nan, 0.0, 0.0), (2e6, 0.0, 0.0)):
+        receive(link, dialect.MAVLink_local_position_ned_message(1020, *bad, 0.0, 0.0, 0.0))
+    assert link.malformed == 2
+    assert link.telemetry.odometry is found
 
 
 def test_datagrams_that_overtook_each_other_are_not_a_restart() -> None:
@@ -121,6 +152,53 @@ def test_battery_and_origin_are_converted() -> None:
     assert link.telemetry.battery.voltage_v == pytest.approx(15.3)
     assert link.telemetry.battery.remaining == pytest.approx(0.87)
     assert link.telemetry.origin_deg == pytest.approx((47.3977418, -8.5455938, 488.25))
+
+
+@pytest.mark.parametrize(
+    ("latitude_deg", "longitude_deg", "altitude_m", "believed"),
+    [
+        (89.0, -179.0, 9e4, True),
+        (-91.0, 0.0, 0.0, False),
+        (91.0, 0.0, 0.0, False),
+        (0.0, 181.0, 0.0, False),
+        (0.0, -181.0, 0.0, False),
+        (0.0, 0.0, 2e5, False),
+    ],
+)
+def test_an_origin_that_is_nowhere_on_earth_is_left_out(
+    latitude_deg: float, longitude_deg: float, altitude_m: float, believed: bool
+) -> None:
+    link = AutopilotLink(1)
+    numbers = (round(latitude_deg * 1e7), round(longitude_deg * 1e7), round(altitude_m * 1e3))
+    receive(link, dialect.MAVLink_gps_global_origin_message(*numbers, 0))
+    assert (link.telemetry.origin_deg is not None) is believed
+
+
+@pytest.mark.parametrize(("state", "landed"), [(0, None), (1, True), (2, False), (3, False), (4, False)])
+def test_the_vehicle_has_landed_when_the_autopilot_says_that_it_is_on_the_ground(
+    state: int, landed: bool | None
+) -> None:
+    link = AutopilotLink(1)
+    receive(link, dialect.MAVLink_extended_sys_state_message(0, 2 if landed else 1))
+    receive(link, dialect.MAVLink_extended_sys_state_message(0, state))
+    assert link.telemetry.landed is landed
+
+
+def test_chunks_of_another_text_and_texts_without_chunks_are_texts_of_their_own() -> None:
+    link = AutopilotLink(1)
+    for text, text_id, chunk in ((b"one", 7, 0), (b"two", 8, 1), (b"three", 0, 0), (b"four", 0, 1)):
+        receive(link, dialect.MAVLink_statustext_message(2, text, text_id, chunk))
+        assert link.telemetry.warning == text.decode()
+
+
+@pytest.mark.parametrize(("percent", "remaining"), [(0, 0.0), (100, 1.0), (-1, None), (101, None)])
+def test_a_charge_that_is_no_percentage_is_unknown(percent: int, remaining: float | None) -> None:
+    link = AutopilotLink(1)
+    receive(link, dialect.MAVLink_sys_status_message(0, 0, 0, 0, 14_000, -1, percent, 0, 0, 0, 0, 0, 0))
+    assert link.telemetry.battery is not None
+    assert link.telemetry.battery.remaining == remaining
+    receive(link, dialect.MAVLink_sys_status_message(0, 0, 0, 0, 0xFFFF, -1, -1, 0, 0, 0, 0, 0, 0))
+    assert link.telemetry.battery is None
 
 
 def test_a_warning_in_chunks_is_put_together_and_explains_a_refusal_for_a_while() -> None:

@@ -113,6 +113,24 @@ def test_the_speed_along_the_fence_stays() -> None:
     assert limited.vel_ned_mps == pytest.approx((2.0, 0.0, 0.0), abs=1e-6)
 
 
+@pytest.mark.parametrize("towards", [(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)])
+def test_a_vehicle_that_is_too_fast_to_stop_brakes_and_nothing_else(towards: tuple[float, float]) -> None:
+    """1 m before the fence √(2 · 0.6) m/s are permitted; the speed along the fence stays."""
+    north, east = towards
+    vehicle = at((19.0 * north, 19.0 * east, -3.0), (5.0 * north + 0.5 * east, 5.0 * east + 0.5 * north, 0.0))
+    away = Target((0.0, 0.0, -2.0), None, None, 0.0)
+    limited, reason = limited_target(FENCE, LIMITS, speed((9.0 * north, 9.0 * east, 0.3)), vehicle, floor_holds=True)
+    permitted_mps = sqrt(1.2)
+    assert "'field'" in reason
+    assert limited.vel_ned_mps == pytest.approx(
+        (permitted_mps * north + 0.5 * east, permitted_mps * east + 0.5 * north, 0.3), abs=0.01
+    )
+    limited, _ = limited_target(FENCE, LIMITS, away, vehicle, floor_holds=True)
+    assert limited.vel_ned_mps is not None and limited.pos_ned_m is not None
+    assert limited.vel_ned_mps[0] * north + limited.vel_ned_mps[1] * east < 0.0, "a target behind it is obeyed"
+    assert limited.pos_ned_m == pytest.approx((19.0 * north, 19.0 * east, -2.0)), "only its height is kept"
+
+
 def test_the_floor_does_not_hold_in_a_landing() -> None:
     down = speed((0.0, 0.0, 1.0))
     vehicle = at((0.0, 0.0, -1.0))

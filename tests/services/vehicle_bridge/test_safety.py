@@ -42,11 +42,12 @@ def test_without_an_altimeter_the_take_off_point_is_the_ground(height_m: float, 
     assert rig.autopilot.setpoints[-1].z == pytest.approx(-2.0 if climbs else -0.5 - height_m)
 
 
-def test_the_altimeter_is_corrected_for_tilt() -> None:
+@pytest.mark.parametrize("tilt_rad", [(0.6, 0.0), (0.0, 0.6)])
+def test_the_altimeter_is_corrected_for_tilt(tilt_rad: tuple[float, float]) -> None:
     rig = Rig().fly()
     rig.go("go_to", Phase.GO_TO)
     rig.range_m = 1.1
-    rig.autopilot.q = list(quat_from_euler(0.6, 0.0, 0.0))
+    rig.autopilot.q = list(quat_from_euler(*tilt_rad, 0.0))
     rig.step()
     rig.request(ABORT, Abort())
     assert rig.autopilot.setpoints[-1].z == pytest.approx(-2.0 - (1.5 - 1.1 * 0.8253), abs=1e-3)

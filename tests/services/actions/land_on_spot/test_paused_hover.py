@@ -6,7 +6,8 @@ from math import hypot
 import pytest
 from msgspec.structs import replace
 
-from jezero.base.frames import altitude_m, distance, norm, subtract
+from jezero.base.frames import Vec3, altitude_m, distance, norm, subtract
+from jezero.services.actions.land_on_spot.paused_hover import PausedHover
 from jezero.services.actions.land_on_spot.rover_landing import RoverLanding
 from jezero.services.actions.lifecycle.pause_control import PauseControl
 from jezero.services.actions.motion.behaviour import Behaviour, Done, Move, VehicleState, pause_refusal_of
@@ -107,3 +108,12 @@ def test_a_contact_is_not_paused() -> None:
     assert landing.run(0.2) is None
     assert landing.pause.rate == 1.0
     assert landing.moves[-1][2].vel_ned_mps == pytest.approx((0.0, 0.0, 0.5))
+
+
+@pytest.mark.parametrize("vel_rover_ned_mps", [None, (1.0, 0.0, 0.0)])
+def test_a_vehicle_that_the_wind_pushes_off_its_hover_point_comes_back(vel_rover_ned_mps: Vec3 | None) -> None:
+    hover = PausedHover(1.5)
+    hover.velocity(0.02, (0.0, 0.0, -3.0), 3.0, vel_rover_ned_mps)
+    for _ in range(100):
+        north_mps, _, _ = hover.velocity(0.02, (0.5, 0.0, -3.0), 3.0, vel_rover_ned_mps)
+    assert north_mps < (0.0 if vel_rover_ned_mps is None else 1.0) - 0.2

@@ -4,16 +4,18 @@ what it touches."""
 from math import hypot
 
 import pytest
+from msgspec.structs import replace
 
-from jezero.base.frames import Quat, Vec3, quat_from_euler
+from jezero.base.frames import Quat, Vec3, quat_from_euler, subtract
+from jezero.schemas.commands import Phase
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.land_on_spot.config import LandOnSpotConfig, PlainLandingConfig
 from jezero.services.actions.land_on_spot.plain_landing import (
-    SPEED_HORIZONTAL_MAX_MPS,
     PlainLanding,
     TiltContactDetector,
 )
-from jezero.services.actions.motion.behaviour import Move, VehicleState
+from jezero.services.actions.motion.behaviour import Done, Move, VehicleState
+from tests.services.actions.fake_bridge import follow
 
 S = 1_000_000_000
 DT_NS = 20_000_000
@@ -118,13 +120,16 @@ def test_a_tilt_counts_as_contact_above_ten_degrees_more_than_in_the_air_in_a_de
     assert not any(found[:200]), "in the air"
 
 
-def test_a_short_tilt_in_the_air_is_no_wind_yet() -> None:
+@pytest.mark.parametrize("sideways", [False, True])
+def test_a_short_tilt_in_the_air_is_no_wind_yet(sideways: bool) -> None:
     """0.2 s of 0.2 rad pass a filter of 0.5 s with a third."""
     detector, level = TiltContactDetector(), (1.0, 0.0, 0.0, 0.0)
     for t_ns in range(DT_NS, 4 * S + 10 * DT_NS, DT_NS):
-        q = tilted(0.2, sideways=False) if t_ns > 4 * S else level
+        q = tilted(0.2, sideways=sideways) if t_ns > 4 * S else level
         detector.update(t_ns, VehicleState(STILL, (0.0, 0.0, 0.5), q, armed=True, landed=False), 0.5)
-    assert 0.03 < hypot(*detector.free_down_ned) < 0.09
+    north, east = detector.free_down_ned
+    assert 0.03 < hypot(north, east) < 0.09
+    assert (east < -0.03, north > 0.03) == (sideways, not sideways), "as far as it counts, it leans the same way"
 
 
 def descending() -> PlainLanding:
@@ -136,17 +141,266 @@ def descending() -> PlainLanding:
     return behaviour
 
 
-@pytest.mark.parametrize(("height_m", "way_m"), [(5.0, 5.0), (0.2, 0.2), (-0.1, 0.0)])
-def test_what_remains_of_a_descent_is_the_way_down(height_m: float, way_m: float) -> None:
+@pytest.mark.parametrize(
+    ("height_m", "way_m", "down_s"), [(5.0, 5.0, 3.5 / 0.7 + 1.5 / 0.3), (0.3, 0.3, 1.0), (-0.1, 0.0, 0.0)]
+)
+def test_what_remains_of_a_descent_is_the_way_down_and_the_time_until_the_motors_stop(
+    height_m: float, way_m: float, down_s: float
+) -> None:
     remaining = descending().remaining(at((0.0, 0.0, -5.0), height_m))
-    assert remaining.distance_m == way_m
-    assert remaining.time_s > way_m / SETTINGS.plain.speed_high_mps
+    assert (remaining.distance_m, remaining.time_s) == pytest.approx((way_m, down_s + 4.0))
 
 
 @pytest.mark.parametrize("off_m", [0.1, -0.2, 30.0])
-def test_a_descent_comes_back_to_its_spot_without_overshoot_and_not_faster_than_it_may(off_m: float) -> None:
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_descent_comes_back_to_its_spot_without_overshoot_and_not_faster_than_it_may(off_m: float, axis: int) -> None:
     behaviour = descending()
-    move = behaviour.step(20 * S, at((off_m, 0.0, -4.0), 4.0))
+    move = behaviour.step(20 * S, at((off_m, 0.0, -4.0) if axis == 0 else (0.0, off_m, -4.0), 4.0))
     assert isinstance(move, Move) and move.vel_ned_mps is not None
-    back_mps = -move.vel_ned_mps[0] if off_m > 0.0 else move.vel_ned_mps[0]
-    assert 0.0 < back_mps <= min(abs(off_m) / 1.0, SPEED_HORIZONTAL_MAX_MPS) + 1e-9
+    back_mps = -move.vel_ned_mps[axis] if off_m > 0.0 else move.vel_ned_mps[axis]
+    assert 0.5 * min(abs(off_m), 0.5) < back_mps <= min(abs(off_m) / 1.0, 0.5) + 1e-9
+    assert move.vel_ned_mps[1 - axis] == 0.0
+
+
+class Flight:
+    """A landing of a point mass on a spot, the origin by default; the ground is at the world's origin.
+
+    Attributes:
+        altimeter: whether it measures.
+        grounded: whether the autopilot detects the ground.
+        holds: whether something holds the vehicle where it is.
+        q_ned_from_frd: attitude.
+        wind_ned_mps: estimated wind.
+    """
+
+    def __init__(
+        self, start_ned_m: Vec3, spot_ned_m: Vec3 = STILL, *, altimeter: bool = True, force: bool = False
+    ) -> None:
+        self.pos_m, self.vel_mps, self.t_ns = start_ned_m, STILL, 0
+        self.altimeter, self.grounded, self.holds = altimeter, True, False
+        self.q_ned_from_frd: Quat = (1.0, 0.0, 0.0, 0.0)
+        self.wind_ned_mps: Vec3 | None = None
+        self.moves: list[tuple[float, Vec3, Move]] = []
+        self._still_s = 0.0
+        self.behaviour = PlainLanding(spot_ned_m, CONFIG, force=force, t_ns=0, state=self.state())
+
+    def state(self) -> VehicleState:
+        return VehicleState(
+            self.pos_m,
+            self.vel_mps,
+            self.q_ned_from_frd,
+            armed=True,
+            landed=self.grounded and self._still_s > 1.0,
+            height_m=-self.pos_m[2] if self.altimeter else None,
+            wind_ned_mps=self.wind_ned_mps,
+        )
+
+    @property
+    def phases(self) -> list[str]:
+        return list(dict.fromkeys(move.feedback.phase for _, _, move in self.moves))
+
+    @property
+    def phase(self) -> str:
+        return str(self.moves[-1][2].feedback.phase)
+
+    def phase_begin(self, phase: str) -> int:
+        """Number of the first move of a phase."""
+        return next(number for number, (_, _, move) in enumerate(self.moves) if move.feedback.phase == phase)
+
+    def run(self, within_s: float, until: str = "") -> Done | None:
+        """Fly on, until a phase of the landing at most."""
+        for _ in range(round(within_s * S / DT_NS)):
+            self.t_ns += DT_NS
+            move = self.behaviour.step(self.t_ns, self.state())
+            if isinstance(move, Done):
+                return move
+            self.moves.append((self.t_ns / S, self.pos_m, move))
+            if move.feedback.phase == until:
+                return None
+            if not self.holds:
+                self.pos_m, self.vel_mps = follow(self.pos_m, self.vel_mps, move.pos_ned_m, move.vel_ned_mps, DT_NS / S)
+            self._still_s = self._still_s + DT_NS / S if self.pos_m[2] == 0.0 else 0.0
+        return None
+
+
+@pytest.mark.parametrize("altimeter", [True, False])
+@pytest.mark.parametrize("start_ned_m", [(3.0, -2.0, -4.0), (-3.0, 4.0, -0.5)])
+def test_a_landing_comes_down_slowly_over_its_spot_and_presses_down_until_the_autopilot_finds_the_ground(
+    start_ned_m: Vec3, altimeter: bool
+) -> None:
+    flight = Flight(start_ned_m, (2.0, -1.0, 0.0), altimeter=altimeter)
+    assert flight.run(60.0) == Done("succeeded", then="disarm")
+    assert flight.phases == ["approach", "descent", "contact"]
+    slow_m = 1.5 if altimeter else 2.5
+    begin = flight.phase_begin("descent")
+    for number, (_, pos_m, move) in enumerate(flight.moves):
+        from_spot_m = subtract(pos_m, (2.0, -1.0, 0.0))
+        assert move.feedback.pos_rel_ned_m == pytest.approx(from_spot_m)
+        assert move.phase is Phase.LANDING
+        if move.feedback.phase == "descent" and number > begin:
+            assert move.vel_ned_mps is not None
+            assert move.vel_ned_mps[2] == (0.3 if -pos_m[2] < slow_m else 0.7)
+            assert hypot(*from_spot_m[:2]) < 0.6
+    assert hypot(*from_spot_m[:2]) < 0.1
+    pressed = [move for _, _, move in flight.moves if move.feedback.phase == "contact"]
+    assert {move.vel_ned_mps for move in pressed} == {(0.0, 0.0, 0.5)}
+    assert pressed[-1].acc_ned_mps2 is not None and pressed[-1].acc_ned_mps2[2] > 1.0, "its thrust goes down"
+    assert flight.behaviour.result(True, (0.1, 0.2, 0.0)).touchdown_ned_m == (0.1, 0.2, 0.0)
+    assert flight.behaviour.result(False, (0.1, 0.2, 0.0)).touchdown_ned_m is None
+
+
+def test_the_rest_of_a_landing_has_its_climb_its_way_and_its_descent() -> None:
+    low, high = Flight((0.0, 4.0, -0.5)), Flight((0.0, 4.0, -1.5))
+    flights = (low, high)
+    for flight in flights:
+        flight.run(0.04)
+    rests = [flight.behaviour.remaining(flight.state()) for flight in flights]
+    assert [rest.distance_m for rest in rests] == pytest.approx([1.0 + 4.0 + 1.5, 4.0 + 1.5], abs=0.1)
+    assert rests[0].time_s > rests[1].time_s + 0.5
+    begin_s = high.t_ns / S
+    high.run(60.0)
+    assert high.t_ns / S - begin_s == pytest.approx(rests[1].time_s, abs=4.0)
+
+
+def test_a_descent_that_is_held_up_in_the_air_is_no_contact_in_its_first_second() -> None:
+    flight = Flight((0.0, 0.0, -4.0))
+    flight.run(10.0, until="descent")
+    begin_s = flight.t_ns / S
+    flight.holds, flight.vel_mps = True, STILL
+    flight.run(5.0, until="contact")
+    assert flight.t_ns / S - begin_s == pytest.approx(1.0, abs=0.1)
+    assert flight.phase == "contact"
+    assert flight.moves[-1][2].acc_ned_mps2 is None, "a vehicle that a gust holds up keeps its thrust"
+
+
+@pytest.mark.parametrize("down_mps", [0.09, 0.11])
+def test_a_descent_that_has_stopped_for_half_a_second_is_contact_without_an_altimeter(down_mps: float) -> None:
+    flight = Flight((0.0, 0.0, -4.0), altimeter=False)
+    flight.run(10.0, until="descent")
+    flight.run(2.0)
+    flight.holds, flight.vel_mps = True, (0.0, 0.0, down_mps)
+    flight.run(0.45)
+    assert flight.phase == "descent"
+    flight.run(0.15)
+    assert flight.phase == ("contact" if down_mps < 0.1 else "descent")
+
+
+def test_ground_that_gives_way_is_no_contact_any_more() -> None:
+    flight = Flight((0.0, 0.0, -2.0))
+    flight.run(20.0, until="contact")
+    flight.vel_mps, flight.pos_m = (0.0, 0.0, 0.24), (0.0, 0.0, -0.2)
+    flight.holds = True
+    flight.run(0.04)
+    assert flight.phase == "contact"
+    flight.vel_mps = (0.0, 0.0, 0.26)
+    flight.run(0.04)
+    assert flight.phase == "descent"
+
+
+def test_ground_that_the_autopilot_does_not_find_ends_the_landing_after_fifteen_seconds() -> None:
+    flight = Flight((0.0, 0.0, -2.0))
+    flight.grounded = False
+    flight.run(20.0, until="contact")
+    begin_s = flight.t_ns / S
+    done = flight.run(20.0)
+    assert done is not None
+    assert (done.outcome, done.then) == ("aborted", "hover")
+    assert done.reason == "the autopilot doesn't detect the ground 15 s after contact"
+    assert flight.t_ns / S - begin_s == pytest.approx(15.0, abs=0.6)
+
+
+def test_a_descent_without_a_contact_ends_after_ten_minutes() -> None:
+    behaviour = descending()
+    sinking = at((0.0, 0.0, -4.0), 4.0, (0.0, 0.0, 0.7))
+    assert isinstance(behaviour.step(590 * S, sinking), Move)
+    done = behaviour.step(610 * S, sinking)
+    assert isinstance(done, Done)
+    assert done.reason.startswith("no contact after 6")
+
+
+@pytest.mark.parametrize("sideways", [True, False])
+def test_a_vehicle_that_tilts_over_an_edge_climbs_for_a_moment_and_lands_nowhere(sideways: bool) -> None:
+    flight = Flight((0.0, 0.0, -2.0))
+    flight.grounded = False
+    flight.run(20.0, until="contact")
+    flight.run(0.5)
+    assert flight.behaviour.pause_refusal(flight.state())
+    flight.q_ned_from_frd = tilted(0.25, sideways=sideways)
+    before = len(flight.moves)
+    done = flight.run(5.0)
+    assert done is not None
+    assert (done.outcome, done.then) == ("aborted", "hover")
+    assert done.reason == "the vehicle tilted over an edge or a rock at the landing spot: land somewhere else"
+    up = [move.vel_ned_mps for _, _, move in flight.moves[before:] if move.vel_ned_mps == (0.0, 0.0, -1.0)]
+    assert len(up) * DT_NS / S == pytest.approx(1.5, abs=0.1)
+    assert flight.pos_m[2] < -1.0
+
+
+def test_a_tilt_against_the_wind_is_no_edge() -> None:
+    flight = Flight((0.0, 0.0, -2.0))
+    flight.q_ned_from_frd = tilted(0.25, sideways=False)
+    assert flight.run(30.0) == Done("succeeded", then="disarm")
+
+
+def test_a_vehicle_that_lies_on_its_side_has_not_landed() -> None:
+    flight = Flight((0.0, 0.0, -2.0))
+    flight.run(20.0, until="contact")
+    lying = replace(flight.state(), landed=True, q_ned_from_frd=(0.6, 0.8, 0.0, 0.0))
+    assert flight.behaviour.step(flight.t_ns + DT_NS, lying) == Done(
+        "aborted", "the vehicle fell over: it is tilted by 106 degrees", "disarm"
+    )
+
+
+def test_a_vehicle_that_slides_again_and_again_ends_its_landing_in_a_hover() -> None:
+    flight, slides = Flight((0.0, 0.0, -2.0)), 0
+    flight.grounded = False
+    done = None
+    while done is None:
+        done = flight.run(20.0, until="contact")
+        for step in range(100):
+            if done is not None or flight.phase == "go_around":
+                break
+            flight.pos_m = (0.02 * step, 0.0, 0.0)
+            done = flight.run(0.02)
+        slides += flight.phase == "go_around"
+        if done is None:
+            done = flight.run(5.0, until="descent")
+            assert done is not None or flight.behaviour.pause_refusal(flight.state()) == ""
+        flight.pos_m = (0.0, 0.0, flight.pos_m[2])
+        assert slides < 10
+    assert slides == 4
+    assert "the vehicle slid on what it touched, in spite of 3 go-arounds" in done.reason
+
+
+def test_a_pause_hovers_in_the_descent_and_climbs_first_when_it_is_low() -> None:
+    flight = Flight((0.0, 0.0, -2.0))
+    assert flight.behaviour.pause_refusal(flight.state()) == ""
+    assert flight.behaviour.hold(0, 0.02, flight.state()) is None, "the pause of a straight way needs no own hover"
+    flight.run(10.0, until="descent")
+    flight.run(1.0)
+    for height_m, climbs in ((1.8, False), (0.5, True)):
+        flight.pos_m = (0.0, 0.0, -height_m)
+        flight.t_ns += DT_NS
+        for _ in range(100):
+            move = flight.behaviour.hold(flight.t_ns, 0.02, flight.state())
+        assert isinstance(move, Move) and move.vel_ned_mps is not None
+        assert (move.vel_ned_mps[2] < -0.1) is climbs
+    assert flight.behaviour.pause_refusal(flight.state()) == ""
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_an_approach_ends_when_the_wind_stays_above_the_limit_unless_forced(force: bool) -> None:
+    flight = Flight((0.0, 30.0, -4.0), force=force)
+    flight.run(1.0)
+    flight.wind_ned_mps = (0.0, 12.5, 0.0)
+    done = flight.run(5.0)
+    assert (done is None) is force
+    assert done is None or "the wind is 12.5 m/s, and a landing is limited to 12 m/s" in done.reason
+
+
+def test_a_vehicle_that_does_not_come_to_its_spot_says_so() -> None:
+    flight = Flight((0.0, 30.0, -4.0))
+    flight.holds = True
+    done = flight.run(120.0)
+    assert done is not None
+    assert done.reason.startswith("approach: ")

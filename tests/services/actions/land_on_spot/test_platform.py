@@ -4,8 +4,8 @@ import re
 
 import pytest
 
-from jezero.base.frames import Vec3
-from jezero.schemas.estimate import Relative
+from jezero.base.frames import Vec3, quat_from_euler
+from jezero.schemas.estimate import Relative, RoverEstimate
 from jezero.services.actions.land_on_spot.config import DeckConfig, PlatformControlConfig, RoverLandingConfig
 from jezero.services.actions.land_on_spot.platform import (
     CalmMoment,
@@ -13,6 +13,7 @@ from jezero.services.actions.land_on_spot.platform import (
     PlatformControl,
     PlatformState,
     PlatformTracking,
+    VerticalSpeed,
     deck_refusal,
 )
 from jezero.services.actions.motion.behaviour import VehicleState
@@ -179,6 +180,8 @@ def test_the_integral_grows_near_the_middle_stays_on_the_way_and_is_left_behind_
         (0.0, {"pitch_rad": -0.07}, False),
         (0.0, {"roll_rad": 0.08, "roll_rate_rps": -0.05}, True),
         (0.0, {"roll_rad": 0.05, "roll_rate_rps": 0.05}, False),
+        (0.0, {"pitch_rad": 0.08, "pitch_rate_rps": -0.05}, True),
+        (0.0, {"pitch_rad": 0.05, "pitch_rate_rps": 0.05}, False),
     ],
 )
 def test_a_moment_is_calm_in_which_the_deck_will_be_slow_and_level_at_the_touchdown(
@@ -186,6 +189,12 @@ def test_a_moment_is_calm_in_which_the_deck_will_be_slow_and_level_at_the_touchd
 ) -> None:
     """The touchdown is in one second; 0.3 m/s and 0.06 rad are permitted."""
     assert CalmMoment(DeckConfig()).is_calm(0.02, deck_motion(**motion), climb_down_mps, 1.0) is calm
+
+
+def test_the_motion_of_a_deck_is_predicted_to_the_touchdown_and_for_a_second_at_most() -> None:
+    rolls_back = deck_motion(roll_rad=0.08, roll_rate_rps=-0.05)
+    calm = [CalmMoment(DeckConfig()).is_calm(0.02, rolls_back, 0.0, touchdown_s) for touchdown_s in (0.2, 1.0, 3.0)]
+    assert calm == [False, True, True], "0.07 rad, 0.03 rad, and not -0.07 rad"
 
 
 def test_a_vehicle_that_waits_for_a_calm_moment_takes_a_worse_one_later() -> None:
@@ -227,3 +236,77 @@ def test_a_descent_to_a_deck_begins_when_it_has_been_observed() -> None:
     descent, low = Descent(CONFIG, room_m=0.4), over_platform(2.0)
     assert descent.may_begin(low._replace(deck=deck_motion()))
     assert not descent.may_begin(low._replace(deck=deck_motion(observed_s=7.9)))
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize(("speed_mps", "descends"), [(0.3, False), (-0.3, True)])
+def test_a_vehicle_that_drifts_out_of_the_cone_waits_and_one_that_drifts_in_descends(
+    axis: int, speed_mps: float, descends: bool
+) -> None:
+    """1 m up the cone is 0.09 m wide; 0.3 m/s lead 0.09 m on in 0.3 s."""
+    pos_m, vel_mps = (0.05, 0.0, -1.0), (speed_mps, 0.0, 0.0)
+    if axis == 1:
+        pos_m, vel_mps = (0.0, 0.05, -1.0), (0.0, speed_mps, 0.0)
+    platform = PlatformState(pos_m, vel_mps, STILL, 0.0)
+    assert (Descent(CONFIG, room_m=0.4).down_mps(S, platform) > 0.0) is descends
+
+
+@pytest.mark.parametrize(("height_m", "error_m", "down_mps"), [(2.0, 0.6, 0.0), (2.0, 0.75, -0.35), (3.2, 2.0, 0.0)])
+def test_a_low_vehicle_that_has_strayed_far_out_of_the_cone_climbs(
+    height_m: float, error_m: float, down_mps: float
+) -> None:
+    """2 m up the cone is 0.17 m wide, and four times that is far."""
+    platform = PlatformState((0.0, -error_m, -height_m), STILL, STILL, 0.0)
+    assert Descent(CONFIG, room_m=0.4).down_mps(S, platform) == down_mps
+
+
+def test_the_cone_widens_while_the_vehicle_waits_and_narrows_while_it_descends() -> None:
+    descent, inside = Descent(CONFIG, room_m=0.4), over_platform(1.0)
+    outside = PlatformState((0.3, 0.0, -1.0), STILL, STILL, 0.0)
+    widths_m = []
+    for t_s, platform in ((0.0, outside), (0.1, outside), (0.2, outside), (0.3, inside), (0.4, inside), (0.5, inside)):
+        descent.down_mps(int(t_s * S), platform)
+        widths_m.append(descent.cone_m(inside))
+    per_step_m = 0.09 * 0.1 / CONFIG.cone_widening_s
+    assert widths_m == pytest.approx([0.09 + n * per_step_m for n in (0, 1, 2, 1, 0, 0)])
+
+
+def test_the_feet_of_a_vehicle_that_tilts_against_the_wind_are_downwind_after_a_second() -> None:
+    tracking, nose_up = PlatformTracking(0, None, 0.5), quat_from_euler(0.0, 0.2, 0.0)
+    state = VehicleState(STILL, STILL, nose_up, armed=True, landed=False)
+    for step in range(50):
+        tracking.update(step * S // 50, 0.02, state, searches=False)
+    settled = tracking.tilt_ned[0] / state.down_ned[0]
+    assert settled == pytest.approx(1.0 - 0.98**50, abs=0.01)
+    assert state.down_ned[0] > 0.19 and tracking.tilt_ned[1] == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize(("valid", "expected_m"), [(True, (9.0, 9.0, -0.5)), (False, (7.0, 1.0, -0.5))])
+def test_a_rover_that_is_not_measured_is_where_its_own_estimate_or_its_last_velocity_puts_it(
+    valid: bool, expected_m: Vec3
+) -> None:
+    tracking = PlatformTracking(0, (5.0, 1.0, -0.5), 0.5)
+    tracking.vel_rover_ned_mps = (1.0, 0.0, 0.0)
+    rover = RoverEstimate(
+        t_ns=0,
+        epoch_id=1,
+        valid=valid,
+        pos_rover_ned_m=(9.0, 9.0, -0.5),
+        vel_rover_ned_mps=(0.0, 2.0, 0.0),
+        yaw_rover_rad=0.0,
+        std_pos_m=1.0,
+    )
+    state = VehicleState((0.0, 0.0, -5.0), STILL, (1.0, 0.0, 0.0, 0.0), armed=True, landed=False, rover=rover)
+    for step in range(100):
+        tracking.update(step * S // 50, 0.02, state, searches=False)
+    assert tracking.pos_rover_ned_m == pytest.approx(expected_m)
+    assert tracking.vel_rover_ned_mps == ((0.0, 2.0, 0.0) if valid else (1.0, 0.0, 0.0))
+
+
+def test_the_vertical_setpoint_brakes_faster_than_it_speeds_up_and_begins_at_the_vehicles_speed() -> None:
+    vertical = VerticalSpeed()
+    assert vertical.changed(0, 1.0, 0.3, gradually=True) == 0.3
+    assert vertical.changed(S // 20, 1.0, 0.3, gradually=True) == pytest.approx(0.3 + 2.0 * 0.05)
+    assert vertical.changed(S // 10, -1.0, 0.3, gradually=True) == pytest.approx(0.4 - 8.0 * 0.05)
+    assert vertical.changed(3 * S // 20, -1.0, 0.3, gradually=False) == -1.0
+    assert vertical.changed(S, 1.0, 0.2, gradually=True) == 0.2, "something else has moved the vehicle meanwhile"

@@ -1,30 +1,24 @@
 """Landing on the rover against a point mass and an estimate that the test controls."""
 
 from itertools import pairwise
-from math import hypot, pi
+from math import hypot, pi, sin
 
 import pytest
 from msgspec.structs import replace
 
-from jezero.base.frames import add, altitude_m, quat_from_euler, subtract
-from jezero.schemas.goals import LandOnSpotGoal
-from jezero.schemas.topics import LAND_ON_SPOT
-from jezero.services.actions.land_on_spot.contact import FORCE_S, foot_drop_m
+from jezero.base.frames import Vec3, add, altitude_m, quat_from_euler, subtract
+from jezero.schemas.goals import LandPhase
+from jezero.services.actions.land_on_spot.config import SearchConfig
+from jezero.services.actions.land_on_spot.contact import foot_drop_m
 from jezero.services.actions.land_on_spot.platform import (
-    AT_ONCE_BELOW_M,
-    COMMIT_M,
-    DRIVE_TIME_CONSTANT_S,
-    SLOWER_DOWN_MPS2,
     PlatformState,
 )
 from jezero.services.actions.land_on_spot.rover_landing import (
-    ACQUIRE_S,
-    SEARCH_SPEED_DOWN_MAX_MPS,
-    SEARCH_SPEED_MPS,
     RoverLanding,
+    Search,
     rover_landing_remaining,
 )
-from jezero.services.actions.motion.behaviour import Done, Move, Selection
+from jezero.services.actions.motion.behaviour import Done, Move
 from tests.services.actions.land_on_spot.landing_rig import (
     BOTH,
     CONFIG,
@@ -33,9 +27,9 @@ from tests.services.actions.land_on_spot.landing_rig import (
     STILL,
     TAG,
     Landing,
+    S,
     deck_motion,
 )
-from tests.services.actions.test_behaviours import plan_of, refusal_of
 
 
 @pytest.mark.parametrize(("speed_mps", "yaw_rate_rps"), [(0.0, 0.0), (0.5, 0.0), (1.0, 0.2), (-0.5, 0.3)])
@@ -53,7 +47,7 @@ def test_it_comes_down_on_the_middle_of_a_rover_that_stands_drives_or_turns(
         if move.vel_ned_mps is None or move.feedback.phase != "descent":
             continue
         assert move.vel_ned_mps[2] <= max(0.6 * height_m, 0.35) + 0.05
-        if move.vel_ned_mps[2] > 0.0 and height_m > COMMIT_M + 0.05:
+        if move.vel_ned_mps[2] > 0.0 and height_m > 0.15:
             assert error_m < 0.03 + 0.13 * height_m
     last = [move.vel_ned_mps for _, _, move in landing.moves[-20:]]
     assert all(vel is not None and vel[2] == 0.5 for vel in last)
@@ -85,23 +79,6 @@ def test_by_a_poor_estimate_it_comes_nearer_at_its_height_until_that_is_good_eno
     poor = [offset_m for _, offset_m, _ in landing.moves if landing.std_at(offset_m) > 0.5]
     assert len(poor) > 50
     assert all(altitude_m(offset_m[2]) == pytest.approx(5.5, abs=0.1) for offset_m in poor)
-
-
-def test_it_does_not_go_down_by_an_estimate_that_is_too_poor_for_its_height() -> None:
-    landing = Landing(BOTH)
-    landing.std_at = lambda offset_m: 0.35
-    assert landing.run(30.0) is None
-    assert min(altitude_m(offset_m[2]) for _, offset_m, _ in landing.moves) > (0.35 - 0.1) / 0.15 - 0.35
-
-
-def test_the_selection_is_the_goals() -> None:
-    for goal, wanted in (
-        (BOTH, Selection(True, True)),
-        (LandOnSpotGoal(use_tag=False, landing_spot_ned_m=(1.0, 1.0, 0.0)), Selection(True, False)),
-        (TAG, Selection(False, True, (3.0, -4.0, 0.0))),
-        (LandOnSpotGoal(use_uwb=False, use_tag=False, landing_spot_ned_m=(1.0, 1.0, 0.0)), None),
-    ):
-        assert plan_of(LAND_ON_SPOT, goal).selection == wanted
 
 
 def test_with_the_tag_alone_a_wrong_rough_position_is_corrected_once_the_tag_is_seen() -> None:
@@ -158,7 +135,7 @@ def test_a_height_that_jumps_up_in_the_search_does_not_bring_it_down_fast() -> N
     before = len(landing.moves)
     assert landing.run(2.0) is None
     fastest_mps = max(move.vel_ned_mps[2] for _, _, move in landing.moves[before:] if move.vel_ned_mps is not None)
-    assert 0.0 < fastest_mps <= SEARCH_SPEED_DOWN_MAX_MPS
+    assert 0.0 < fastest_mps <= 0.15
 
 
 def test_near_the_ground_the_search_does_not_go_down() -> None:
@@ -181,7 +158,7 @@ def test_a_rover_that_was_seen_at_an_impossible_speed_is_not_followed_far() -> N
     assert done is not None
     assert done.reason.startswith("TARGET_LOST: not found in 3 rounds of search")
     away_m = subtract(landing.pos_m, seen_at_m)
-    assert hypot(*away_m[:2]) < 2.4 * (5.5 + DRIVE_TIME_CONSTANT_S) + 7.0
+    assert hypot(*away_m[:2]) < 2.4 * (5.5 + 10.0) + 7.0
 
 
 def test_below_the_last_range_of_the_tag_it_finishes_blind() -> None:
@@ -215,7 +192,7 @@ def test_standing_for_long_enough_it_is_disarmed_by_force_when_the_autopilot_doe
     landing.grounded = False
     assert landing.run(60.0) == Done("succeeded", then="force_disarm")
     contact_s = contact_begin_s(landing)
-    assert landing.t_s - contact_s == pytest.approx(FORCE_S, abs=0.6)
+    assert landing.t_s - contact_s == pytest.approx(3.0, abs=0.6)
     last = [altitude_m(offset_m[2]) for t_s, offset_m, _ in landing.moves if t_s > landing.t_s - 2.0]
     assert max(last) < 0.1
 
@@ -266,7 +243,7 @@ def test_signs_that_lapse_begin_anew() -> None:
     contact_s = landing.t_s
     landing.sees = lambda t_s, offset_m: not contact_s + 1.0 < t_s < contact_s + 1.9
     assert landing.run(60.0) == Done("succeeded", then="force_disarm")
-    assert landing.t_s - contact_s > 1.9 + FORCE_S - 0.1
+    assert landing.t_s - contact_s > 4.8
 
 
 def test_signs_that_do_not_last_are_none() -> None:
@@ -331,26 +308,14 @@ def test_a_vehicle_that_lies_on_the_platform_has_not_landed() -> None:
     assert landing.run(60.0) == Done("aborted", "the vehicle fell over: it is tilted by 106 degrees", "disarm")
 
 
-@pytest.mark.parametrize(
-    ("goal", "said"),
-    [
-        (LandOnSpotGoal(use_uwb=False), "needs to know roughly where the rover is"),
-        (LandOnSpotGoal(use_uwb=False, use_tag=False), "needs to know where to land"),
-        (LandOnSpotGoal(use_uwb=False, landing_spot_ned_m=(0.0, 0.0, 0.0), frame="rover"), "in frame 'world'"),
-    ],
-)
-def test_what_cannot_be_found_is_refused(goal: LandOnSpotGoal, said: str) -> None:
-    assert said in refusal_of(LAND_ON_SPOT, goal)
-
-
 def test_the_vertical_setpoint_makes_no_jump_while_the_estimate_is_good_and_poor_in_turn() -> None:
     landing = Landing(BOTH)
     landing.std_at = lambda offset_m: 0.0 if round(landing.t_s / DT_S) % 50 < 25 else 0.4
     landing.run(15.0)
-    high = [move for _, offset_m, move in landing.moves if altitude_m(offset_m[2]) > AT_ONCE_BELOW_M]
+    high = [move for _, offset_m, move in landing.moves if altitude_m(offset_m[2]) > 0.6]
     down_mps = [move.vel_ned_mps[2] for move in high if move.vel_ned_mps is not None]
     assert max(down_mps) > 0.2
-    assert max(abs(b - a) for a, b in pairwise(down_mps)) <= SLOWER_DOWN_MPS2 * DT_S + 1e-9
+    assert max(abs(b - a) for a, b in pairwise(down_mps)) <= 8.0 * DT_S + 1e-9
 
 
 def test_the_cone_does_not_widen_beyond_the_place_where_all_feet_stand_on_the_platform() -> None:
@@ -371,6 +336,11 @@ def test_in_contact_the_feet_are_where_the_present_tilt_puts_them_and_not_the_fi
     assert surface is not None
     assert surface.offset_ned_m == pytest.approx((0.05, 0.23))
     assert surface.std_m == 0.02
+    landing.q_ned_from_frd = quat_from_euler(0.0, 0.5, 0.0)
+    surface = landing.behaviour._on_surface(measured, landing.state())
+    assert surface is not None
+    low_m = CONFIG.vehicle.airframe.height_stand_m * sin(0.5)
+    assert surface.offset_ned_m == pytest.approx((0.05 + low_m, 0.23)), "its nose is up, its feet are ahead"
 
 
 @pytest.mark.parametrize(("height_m", "phase"), [(1.4, "go_around"), (1.6, "approach")])
@@ -430,7 +400,126 @@ def test_the_rest_of_a_landing_that_uwb_does_not_reach_has_the_time_of_a_search(
     plain = [rover_landing_remaining((away_m, 0.0, -6.0), CONFIG.land_on_spot.rover) for away_m in (5.0, 40.0)]
     assert rests[0].time_s == pytest.approx(plain[0].time_s)
     beyond_m = hypot(40.0, 6.0) - CONFIG.vehicle.uwb.range_max_m
-    assert rests[1].time_s == pytest.approx(plain[1].time_s + ACQUIRE_S + beyond_m / SEARCH_SPEED_MPS)
+    assert rests[1].time_s == pytest.approx(plain[1].time_s + 3.0 + beyond_m / 1.5)
+
+
+@pytest.mark.parametrize("start_ned_m", [(-5.0, -3.0, -8.0), (5.0, -3.0, -8.0), (4.0, -3.0, -2.5)])
+def test_the_rest_of_a_landing_is_about_the_time_that_it_takes(start_ned_m: Vec3) -> None:
+    landing = Landing(BOTH, start_ned_m)
+    landing.run(0.1)
+    assert isinstance(landing.behaviour, RoverLanding)
+    rest = landing.behaviour.remaining(landing.state())
+    assert rest is not None
+    away_m, height_m = hypot(start_ned_m[0] - 5.0, start_ned_m[1] + 3.0), -start_ned_m[2] - 0.5
+    assert rest.distance_m == pytest.approx(away_m + height_m, abs=0.2)
+    landing.run(90.0)
+    assert rest.time_s - 4.0 == pytest.approx(landing.t_s - 0.1 - 0.8, rel=0.15)
+
+
+@pytest.mark.parametrize("speed_mps", [0.0, 0.8])
+@pytest.mark.parametrize(("height_m", "climbs"), [(3.1, False), (1.5, True)])
+def test_a_pause_hovers_over_the_rover_and_climbs_to_the_height_of_the_approach_first(
+    speed_mps: float, height_m: float, climbs: bool
+) -> None:
+    landing = Landing(BOTH, speed_mps=speed_mps)
+    while altitude_m(landing.offset_m[2]) > height_m:
+        assert landing.run(DT_S) is None
+    behaviour = landing.behaviour
+    assert isinstance(behaviour, RoverLanding)
+    assert behaviour.pause_refusal(landing.state()) == ""
+    for _ in range(100):
+        move = behaviour.hold(landing.t_ns, DT_S, landing.state())
+    assert isinstance(move, Move) and move.vel_ned_mps is not None
+    assert move.vel_ned_mps[:2] == pytest.approx(landing.vel_deck_mps[:2], abs=0.15)
+    assert (move.vel_ned_mps[2] < -0.1) is climbs
+    assert move.feedback.phase == "approach"
+    assert landing.run(40.0) == Done("succeeded", then="disarm")
+
+
+def test_a_pause_without_a_measured_rover_hovers_where_it_is_and_ends_out_of_bounds() -> None:
+    landing = Landing(BOTH, sees=lambda t_s, offset_m: False)
+    assert landing.run(1.0) is None
+    behaviour = landing.behaviour
+    assert isinstance(behaviour, RoverLanding)
+    for _ in range(100):
+        move = behaviour.hold(landing.t_ns, DT_S, landing.state())
+    assert isinstance(move, Move)
+    assert move.vel_ned_mps == pytest.approx(STILL, abs=0.05)
+    landing.pos_m = (-1.0, 160.0, -6.0)
+    done = behaviour.hold(landing.t_ns, DT_S, landing.state())
+    assert isinstance(done, Done) and "distance_max_m" in done.reason
+
+
+@pytest.mark.parametrize("phase", ["contact", "go_around"])
+def test_a_touchdown_is_not_paused(phase: LandPhase) -> None:
+    behaviour = Landing(BOTH).behaviour
+    assert isinstance(behaviour, RoverLanding)
+    behaviour._phase = phase
+    assert behaviour.pause_refusal(Landing(BOTH).state())
+
+
+def test_a_vehicle_that_bounces_off_the_platform_descends_again() -> None:
+    landing = Landing(BOTH)
+    landing.grounded = False
+    while "contact" not in landing.phases:
+        assert landing.run(DT_S) is None
+    for height_m, phase in ((0.38, "contact"), (0.42, "descent")):
+        landing.pos_m = add(landing.deck_m, (0.0, 0.0, -height_m))
+        landing.vel_mps = STILL
+        landing.run(DT_S)
+        landing.run(DT_S)
+        assert landing.moves[-1][2].feedback.phase == phase
+
+
+@pytest.mark.parametrize(("beside_m", "climbs"), [(0.75, False), (0.85, True)])
+def test_beside_the_platform_and_low_it_climbs_before_it_comes_near(beside_m: float, climbs: bool) -> None:
+    """The platform reaches 0.5 m from its middle, and 0.3 m are permitted."""
+    landing = Landing(BOTH, add(DECK_NED_M, (0.0, beside_m, -0.8)))
+    landing.run(0.2)
+    move = next(move for _, _, move in landing.moves if move.vel_ned_mps is not None)
+    assert move.vel_ned_mps is not None
+    assert (move.vel_ned_mps[1] == 0.0) is climbs
+    assert move.vel_ned_mps[2] < -0.9 or not climbs
+
+
+def test_a_search_flies_hexagons_that_grow_in_width_and_height_and_ends_after_its_rounds() -> None:
+    search, t_ns, corners = Search(0, 3.0, SearchConfig(tries=2, radius_m=2.0, height_max_m=5.0)), 0, []
+    while not search.over:
+        corners.append((search.offset_m, search.height_m))
+        t_ns += 1
+        search.step(t_ns, search.offset_m, search.height_m)
+    assert len(corners) == 2 * 7
+    heights_m = [height_m for _, height_m in corners]
+    assert heights_m == [3.0, *(4.5,) * 6, 4.5, *(5.0,) * 6]
+    for turn in (0, 1):
+        middle, *around = (offset_m for offset_m, _ in corners[7 * turn : 7 * turn + 7])
+        assert middle == (0.0, 0.0)
+        radius_m = 2.0 * (turn + 1)
+        assert around[0] == pytest.approx((radius_m, 0.0)), "the north first"
+        assert around[1] == pytest.approx((0.5 * radius_m, 0.5 * 3**0.5 * radius_m)), "clockwise"
+        assert around[5] == pytest.approx((0.5 * radius_m, -0.5 * 3**0.5 * radius_m))
+
+
+@pytest.mark.parametrize(
+    ("off_m", "after_s", "goes_on"),
+    [
+        ((0.49, 0.0, 0.0), 0.1, True),
+        ((0.0, -0.49, 0.0), 0.1, True),
+        ((0.0, 0.0, 0.49), 0.1, True),
+        ((0.3, 0.3, 0.3), 0.1, False),
+        ((5.0, 0.0, 0.0), 9.9, False),
+        ((5.0, 0.0, 0.0), 10.1, True),
+    ],
+)
+def test_a_corner_of_a_search_is_reached_within_half_a_metre_or_given_up_after_ten_seconds(
+    off_m: Vec3, after_s: float, goes_on: bool
+) -> None:
+    search = Search(0, 3.0, SearchConfig())
+    for _ in range(2):
+        search.step(0, search.offset_m, search.height_m)
+    north_m, east_m = corner_m = search.offset_m
+    search.step(int(after_s * S), (north_m + off_m[0], east_m + off_m[1]), search.height_m + off_m[2])
+    assert (search.offset_m != corner_m) is goes_on
 
 
 # -- a deck that moves more than is permitted ------------------------------------------------------------

@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from jezero.schemas.commands import AcquireReply
-from jezero.schemas.state import Status, StatusCode
+from jezero.schemas.state import Clock, Status, StatusCode
 from jezero.schemas.topics import STATUS
 from jezero.services.actions.lifecycle.leases import ControlLease
 from tests.services.actions.test_behaviours import a_status
@@ -19,13 +19,16 @@ BEFORE, PRESENT = 6, 7
 
 
 class Box:
-    """The statuses that have arrived."""
+    """The statuses that have arrived, and the newest clock."""
 
-    def __init__(self, *statuses: Status) -> None:
+    def __init__(self, *statuses: Status, epoch_id: int | None = None) -> None:
         self.statuses = statuses
+        self.clock = None if epoch_id is None else Clock(t_ns=GRANTED_NS, wall_ns=0, epoch_id=epoch_id)
 
     def latest(self, topic: Any) -> Any:
-        return self.statuses[-1] if topic is STATUS else None
+        if topic is STATUS:
+            return self.statuses[-1] if self.statuses else None
+        return self.clock
 
     def new(self, topic: Any) -> Sequence[Status]:
         return self.statuses
@@ -67,3 +70,45 @@ def test_a_status_from_before_the_grant_takes_nothing_away_and_one_of_a_later_gr
     assert loss(lease, status(-10, PRESENT, grant=2, grants=2)) == ""
     assert loss(lease, status(20, PRESENT, grant=3)) == ""
     assert loss(lease, status(40, PRESENT, grant=4, grants=4)) != ""
+
+
+@pytest.mark.parametrize(("late_ms", "lost"), [(1000, False), (1001, True)])
+def test_a_bridge_that_is_silent_for_a_second_ends_the_goal_also_when_it_is_being_released(
+    late_ms: int, lost: bool
+) -> None:
+    lease, box = granted(), Box(status(20, PRESENT, grant=3))
+    for reason in (lease.loss_reason, lease.bridge_loss_reason):
+        late_ns = GRANTED_NS + (20 + late_ms) * MS
+        assert reason(GRANTED_NS + 30 * MS, box) == ""  # type: ignore[arg-type]
+        assert reason(late_ns, box) == ("the vehicle bridge has been silent for 1 s" if lost else "")  # type: ignore[arg-type]
+        assert reason(late_ns, Box()) == "the vehicle bridge has been silent for 1 s"  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("of_status", "of_clock", "lost"), [(1, 1, False), (0, 1, False), (2, 1, True), (1, 2, True), (1, None, False)]
+)
+def test_another_epoch_of_status_or_clock_is_another_vehicle(of_status: int, of_clock: int | None, lost: bool) -> None:
+    """Epoch 0 is that of a bridge that has just started, and doesn't know it yet."""
+    box = Box(replace(status(20, PRESENT, grant=3), epoch_id=of_status), epoch_id=of_clock)
+    for reason in (granted().loss_reason, granted().bridge_loss_reason):
+        assert reason(GRANTED_NS + 30 * MS, box) == ("the vehicle restarted" if lost else "")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("code", [StatusCode.ABORT, StatusCode.EXTERNAL])
+@pytest.mark.parametrize("text", ["", "a pilot has taken over: POSCTL"])
+def test_a_status_without_the_goal_in_charge_ends_it_with_the_bridges_words(code: StatusCode, text: str) -> None:
+    lease = granted()
+    assert loss(lease, status(20, PRESENT, grant=3)) == ""
+    taken = replace(status(40, PRESENT, grant=3), code=int(code), text=text)
+    words = loss(lease, taken)
+    assert words == text or words.startswith("control was taken away, the vehicle ")
+    assert loss(granted(), replace(status(40, PRESENT), code=int(StatusCode.HOVER), text=text))
+
+
+def test_only_another_run_of_the_bridge_than_the_one_that_has_confirmed_the_goal_cannot_confirm_its_end() -> None:
+    lease = granted()
+    other, ours = Box(status(200, BEFORE)), Box(status(20, PRESENT, grant=3))
+    assert lease.bridge_loss_reason(GRANTED_NS + 30 * MS, other) == ""  # type: ignore[arg-type]
+    assert lease.loss_reason(GRANTED_NS + 30 * MS, ours) == ""  # type: ignore[arg-type]
+    assert lease.bridge_loss_reason(GRANTED_NS + 30 * MS, ours) == ""  # type: ignore[arg-type]
+    assert lease.bridge_loss_reason(GRANTED_NS + 30 * MS, other) == "the vehicle bridge restarted"  # type: ignore[arg-type]

@@ -27,6 +27,7 @@ from jezero.services.actions.motion.behaviour import (
     Preparation,
     Prepared,
     Refusal,
+    Remaining,
     VehicleState,
 )
 from jezero.services.actions.motion.capture import Capture
@@ -145,6 +146,125 @@ def test_a_behaviour_that_raises_aborts_its_goal_for_good(where: str) -> None:
 
 def test_a_result_that_raises_is_none() -> None:
     assert behaviour_of("result").result(True, STATE.pos_uav_ned_m) is None
+
+
+class Tells:
+    """A behaviour that also tells its rest, its way and whether it can be paused; the part named by `where` raises."""
+
+    def __init__(self, where: str = "", rest: Any = None, way: Any = ()) -> None:
+        self._where, self._rest, self._way = where, rest, way
+
+    def plan(self, goal: Any, status: Status) -> Any:
+        return Plan(lambda t_ns, state: self)
+
+    def _tell(self, part: str, value: Any) -> Any:
+        if part == self._where:
+            raise ValueError("out of propellant")
+        return value
+
+    def step(self, t_ns: int, state: VehicleState) -> Move:
+        return MOVE
+
+    def remaining(self, state: VehicleState) -> Any:
+        return self._tell("remaining", self._rest)
+
+    def path(self, state: VehicleState) -> Any:
+        return self._tell("path", self._way)
+
+    def hold(self, t_ns: int, dt_s: float, state: VehicleState) -> Any:
+        return self._tell("hold", None)
+
+    def pause_refusal(self, state: VehicleState) -> Any:
+        return self._tell("pause_refusal", "it touches down")
+
+    def result(self, completed: bool, pos_uav_ned_m: Vec3) -> MoveResult:
+        return MoveResult(completed=completed, pos_uav_ned_m=pos_uav_ned_m)
+
+
+def telling(**parts: Any) -> Any:
+    plan = GuardedPlanner(ACTION, Tells(**parts), SPEC).plan(GOAL, a_status(StatusCode.HOVER))
+    assert isinstance(plan, Plan) and not isinstance(plan.start, Preparation)
+    return plan.start(0, STATE)
+
+
+@pytest.mark.parametrize("where", ["remaining", "path", "hold", "pause_refusal"])
+def test_what_raises_beside_the_flight_is_unknown_and_aborts_the_goal_in_the_next_step(where: str) -> None:
+    behaviour = telling(where=where, rest=Remaining(1.0, 1.0), way=((0.0, 0.0, -3.0),))
+    assert behaviour.step(0, STATE) is MOVE
+    arguments = (0, 0.02, STATE) if where == "hold" else (STATE,)
+    told = getattr(behaviour, where)(*arguments)
+    reason = f"spiral failed in {where}: ValueError: out of propellant"
+    assert told in (None, ()) or (told.reason if where == "hold" else told).startswith(reason)
+    done = behaviour.step(1, STATE)
+    assert isinstance(done, Done) and done.reason.startswith(reason)
+    assert (behaviour.remaining(STATE), behaviour.path(STATE)) == (None, ())
+    assert behaviour.pause_refusal(STATE) == done.reason
+    assert behaviour.hold(2, 0.02, STATE) == done
+    assert behaviour.result(True, (0.0, 0.0, 0.0)).completed is False
+
+
+def test_a_behaviour_that_never_started_has_no_rest_no_way_and_no_result() -> None:
+    behaviour = behaviour_of("start")
+    assert behaviour.remaining(STATE) is None
+    assert behaviour.path(STATE) == ()
+    assert behaviour.result(True, STATE.pos_uav_ned_m) is None
+
+
+@pytest.mark.parametrize(
+    ("rest", "known"),
+    [
+        (Remaining(0.0, 0.0), True),
+        (Remaining(5.0, 9e11), True),
+        (Remaining(-1.0, 1.0), False),
+        (Remaining(1.0, -1.0), False),
+        (Remaining(inf, 1.0), False),
+        (Remaining(1.0, nan), False),
+        (Remaining(3e12, 1.0), False),
+        (Remaining(1.0, 3e12), False),
+        (None, False),
+    ],
+)
+def test_a_rest_out_of_range_is_unknown(rest: Remaining | None, known: bool) -> None:
+    assert telling(rest=rest).remaining(STATE) == (rest if known else None)
+
+
+@pytest.mark.parametrize(
+    ("corner", "known"), [((9e5, -9e5, 0.0), True), ((0.0, 0.0, -2e6), False), ((2e6, 0.0, 0.0), False)]
+)
+def test_a_way_that_leads_out_of_range_is_unknown(corner: Vec3, known: bool) -> None:
+    assert bool(telling(way=((0.0, 0.0, -3.0), corner)).path(STATE)) is known
+
+
+def test_a_behaviour_without_a_hover_of_its_own_leaves_it_to_the_pause() -> None:
+    assert telling().hold(0, 0.02, STATE) is None
+    assert telling().pause_refusal(STATE) == "it touches down"
+    assert telling().step(0, STATE) is MOVE
+
+
+def test_a_changed_goal_takes_over_from_the_behaviour_itself_and_is_planned_anew_without_replan() -> None:
+    class Changes(Tells):
+        def replan(self, goal: Any, status: Status, running: Any) -> Any:
+            return Refusal(f"was {type(running).__name__}")
+
+    status = a_status(StatusCode.HOVER)
+    running = telling()
+    changed = GuardedPlanner(ACTION, Changes(), SPEC).replan(GOAL, status, running)
+    assert changed == Refusal("was Tells")
+    assert isinstance(GuardedPlanner(ACTION, Tells(), SPEC).replan(GOAL, status, running), Plan)
+
+
+@pytest.mark.parametrize(("content", "kept"), [(MOVE.feedback, True), (None, False), (GOAL, False)])
+def test_feedback_of_a_preparation_that_can_not_be_used_is_left_out(content: Any, kept: bool) -> None:
+    preparation = Preparation(work=lambda state: lambda: None, start=START_OF, feedback=lambda state: content)
+    plan = guarded(Returns(plan=Plan(preparation)))
+    assert isinstance(plan, Plan) and isinstance(plan.start, Preparation) and plan.start.feedback is not None
+    assert plan.start.feedback(STATE) == (content if kept else None)
+    silent = guarded(Returns(plan=Plan(replace(preparation, feedback=None))))
+    assert isinstance(silent, Plan) and isinstance(silent.start, Preparation) and silent.start.feedback is not None
+    assert silent.start.feedback(STATE) is None
+
+
+START_OF: Any = partial(Prepared)
 
 
 class Returns:

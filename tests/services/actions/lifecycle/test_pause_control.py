@@ -1,5 +1,6 @@
 """The pause of a behaviour that knows nothing of pauses, such as one of a package."""
 
+from itertools import pairwise
 from math import cos, sin
 
 import pytest
@@ -183,3 +184,41 @@ def test_a_hover_of_its_own_that_raises_aborts_the_goal() -> None:
     ends = [pause.step(number * DT_NS, behaviour, state) for number in range(100)]
     assert isinstance(ends[-1], Done)
     assert "mine failed in hold: ValueError: no hover" in ends[-1].reason
+
+
+class HoversItself(North):
+    """Has a hover of its own, which climbs."""
+
+    def hold(self, t_ns: int, dt_s: float, state: VehicleState) -> Move:
+        feedback = MoveFeedback(pos_uav_ned_m=state.pos_uav_ned_m, distance_m=0.0)
+        return Move(Phase.ACTION, feedback, vel_ned_mps=(0.0, 0.0, -1.0))
+
+
+def test_the_velocity_of_a_hover_of_its_own_decays_when_the_goal_goes_on() -> None:
+    flown = Flown(HoversItself())
+    flown.run(2.0)
+    flown.pause.wanted = True
+    flown.run(4.0)
+    assert flown.pause.paused
+    assert flown.moves[-1].vel_ned_mps == (0.0, 0.0, -1.0)
+    flown.pause.wanted = False
+    flown.run(2.0)
+    climbs_mps = [-move.vel_ned_mps[2] for move in flown.moves[-100:] if move.vel_ned_mps is not None]
+    steps_mps = [before - after for before, after in pairwise(climbs_mps)]
+    assert climbs_mps[0] == pytest.approx(1.0 - DT_NS / S)
+    assert max(steps_mps) <= DT_NS / S + 1e-9, "with 1 m/s², as the goal brakes"
+    assert climbs_mps[-1] == 0.0
+
+
+@pytest.mark.parametrize("age_s", [0.0, 0.2])
+def test_the_hover_point_is_where_the_vehicle_comes_to_rest(age_s: float) -> None:
+    """It follows its setpoint a quarter of a second late, and moves on by the age of its state."""
+    pause, north = PauseControl(0, 1.0), North()
+    pause.wanted = True
+    state = VehicleState((5.0, 0.0, -3.0), (0.4, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), True, False, age_s)
+    t_ns, move = 0, None
+    while not pause.paused:
+        t_ns += DT_NS
+        move = pause.step(t_ns, north, state)
+    assert isinstance(move, Move) and move.pos_ned_m is not None
+    assert move.pos_ned_m == pytest.approx((5.0 + 0.4 * (0.25 + age_s), 0.0, -3.0))

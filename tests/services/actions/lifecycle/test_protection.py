@@ -206,6 +206,34 @@ def test_a_known_wind_may_push_the_vehicle_farther_and_an_unknown_one_too(
     assert (fired_s is not None) is found
 
 
+def test_gusts_count_as_wind() -> None:
+    """5 m/s and gusts of 3 m/s permit 1 m and 2 s * 0.4 * 8 m/s: 7.4 m."""
+    for grown_m, found in ((7.0, False), (8.0, True)):
+        speed_mps = 0.5 * grown_m
+        fired_s = fires_after_s(
+            lambda t, v=speed_mps: (replace(at(v * t, v, wind_mps=5.0), std_gust_mps=3.0), position(0.0))  # type: ignore[misc]
+        )
+        assert (fired_s is not None) is found
+
+
+def test_an_error_that_grows_more_slowly_in_its_second_half_is_braked() -> None:
+    """x = 3 t - 0.6 t²: 3 m/s at first, 0.6 m/s after 2 s, and 3.6 m away then."""
+    assert fires_after_s(lambda t: (at(3.0 * t - 0.6 * t * t, 3.0 - 1.2 * t), position(0.0)), 2.4) is None
+    assert fires_after_s(lambda t: (at(0.6 * t + 0.6 * t * t, 0.6 + 1.2 * t), position(0.0)), 2.4) is not None
+
+
+def test_a_move_without_position_and_velocity_and_a_disarmed_vehicle_run_nowhere() -> None:
+    nothing = Move(Phase.GO_TO, None, yaw_rad=0.0)
+    assert fires_after_s(lambda t: (at(t * t, 2.0 * t), nothing)) is None
+    assert fires_after_s(lambda t: (replace(at(t * t, 2.0 * t), armed=False), position(0.0))) is None
+
+
+def test_a_landing_beside_its_target_that_only_sinks_is_no_runaway() -> None:
+    """Only the horizontal error to the target counts: here none grows."""
+    sinks = Move(Phase.LANDING, None, vel_ned_mps=(0.1, 0.0, 1.0), target_ned_m=(3.0, 0.0, 0.0))
+    assert fires_after_s(lambda t: (replace(at(0.0), pos_uav_ned_m=(0.0, 0.0, -9.0 + 3.0 * t)), sinks)) is None
+
+
 def test_the_wind_that_a_runaway_itself_pretends_permits_nothing() -> None:
     """The estimated wind grows from 0 with the speed of the vehicle."""
     assert fires_after_s(lambda t: (at(t * t, 2.0 * t, wind_mps=4.0 * t), position(0.0)), 4.0) is not None

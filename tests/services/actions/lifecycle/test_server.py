@@ -7,6 +7,7 @@ import msgspec
 import pytest
 
 from jezero.base.codec import decode
+from jezero.base.frames import ned_from_geodetic
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.runtime.node import Node
 from jezero.schemas import topics
@@ -162,7 +163,7 @@ def test_a_dead_bridge_is_told_within_two_seconds() -> None:
     world.bus.remove("vehicle_bridge")
     reply = world.fly(FAR, 2.0)
     assert isinstance(reply, Rejected)
-    assert "did not reply" in reply.reason
+    assert reply.reason.startswith("the vehicle bridge did not reply: "), "with the reason of the connection"
     assert world.is_idle("go_to")
 
 
@@ -235,6 +236,15 @@ def test_the_last_hundred_results_are_kept() -> None:
     assert len(server._results) == 100
     assert server._result_reply("g4") is None
     assert server._result_reply("g5") is not None
+
+
+def test_a_result_has_the_place_in_degrees_once_the_origin_is_known() -> None:
+    world = World()
+    assert world.fly(GoToGoal(target_ned_m=(1.0, 0.0, -3.0))).position_deg is None
+    world.bridge.origin_deg = (47.0, 8.0, 400.0)
+    result = world.fly(GoToGoal(target_ned_m=(3.0, 0.0, -3.0)))
+    place_ned_m = ned_from_geodetic(result.position_deg, world.bridge.origin_deg)
+    assert place_ned_m == pytest.approx(result.result.pos_uav_ned_m, abs=1e-3)
 
 
 def test_a_position_reset_moves_the_target_along() -> None:

@@ -203,6 +203,26 @@ def test_a_release_whose_answer_is_lost_is_asked_again(way: str) -> None:
     assert world.is_idle("go_to")
 
 
+def test_a_canceled_goal_whose_release_was_carried_out_without_a_reply_is_canceled() -> None:
+    world = World()
+    world.bridge.lost_replies = 1
+    goal = world.flying()
+    world.bus.send_request(topics.GO_TO.cancel, Cancel(goal_id="far"), "me")
+    result = world.end(goal, 21.0)
+    assert (result.outcome, result.reason) == ("canceled", "canceled by a client")
+    assert [release.outcome for release in world.bridge.releases] == ["canceled", "canceled"]
+
+
+def test_a_goal_whose_vehicle_somebody_else_has_taken_meanwhile_is_no_success() -> None:
+    world = World()
+    world.bridge.lost_replies = 1
+    answers = world.send(GoToGoal(target_ned_m=(1.0, 0.0, -3.0), goal_id="g"))
+    assert world.bus.run_for(30.0, lambda: bool(world.bridge.releases))
+    world.bridge.code = StatusCode.EXTERNAL
+    result = world.end(answers, 21.0)
+    assert (result.outcome, result.reason) == ("aborted", "this control is not in charge")
+
+
 def test_a_release_that_is_never_answered_is_given_up() -> None:
     world = World()
     world.bridge.lost_releases = 10_000

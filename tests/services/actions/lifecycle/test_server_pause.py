@@ -9,7 +9,7 @@ from jezero.base.frames import distance, norm, subtract
 from jezero.schemas import topics
 from jezero.schemas.actions import Cancel, Feedback, Pause, PauseReply, Resume, ResumeReply
 from jezero.schemas.commands import Setpoint
-from jezero.schemas.goals import GoToGoal
+from jezero.schemas.goals import GetImagesGoal, GoToGoal
 from jezero.schemas.rows import Action
 from jezero.schemas.state import StatusCode
 from tests.services.actions.rig import CONFIG, FAR, World
@@ -116,6 +116,21 @@ def test_what_can_not_be_paused_or_resumed_is_refused_with_the_reason(prepare: s
     assert request(world, payload) == reply
 
 
+def test_a_goal_that_does_not_fly_yet_or_is_ending_is_neither_paused_nor_resumed() -> None:
+    """The camera is silent, so that the goal waits for it."""
+    world = World()
+    world.send(GetImagesGoal(center_ned_m=(0.0, 0.0, -4.0), radius_m=2.0, num_images=4, goal_id="orbit"))
+    early = request(world, Pause(goal_id="orbit"), topics.GET_IMAGES)
+    assert early == PauseReply(paused=False, reason="the goal does not fly yet")
+    world = World()
+    world.flying()
+    world.bridge.lost_releases = 1000
+    request(world, Cancel(goal_id="far"))
+    world.bus.run_for(0.2)
+    assert request(world, Pause(goal_id="far")) == PauseReply(paused=False, reason="the goal is ending already")
+    assert request(world, Resume(goal_id="far")) == ResumeReply(resumed=False, reason="the goal is ending already")
+
+
 def test_a_goal_on_the_ground_is_not_paused() -> None:
     world = World((0.0, 0.0, 0.0))
     goal = GoToGoal(target_ned_m=(5.0, 0.0, -3.0), do_takeoff=True, goal_id="up")
@@ -139,6 +154,19 @@ def test_a_late_request_has_no_effect(issued_s_ago: float, reason: str) -> None:
     reply = request(world, Pause(goal_id="far", issued_t_ns=now_ns - int(issued_s_ago * 1e9)))
     assert not reply.paused
     assert reason in reply.reason
+
+
+def test_a_request_without_a_time_counts_from_its_arrival() -> None:
+    world = World()
+    world.bus.run_for(5.0)
+    world.flying()
+    begin_ns = world.bus.t_ns
+    world.bus.run_for(0.5)
+    assert request(world, Pause(goal_id="far")).paused
+    late = request(world, Resume(goal_id="far", issued_t_ns=begin_ns))
+    assert (late.resumed, late.reason) == (False, "a newer request came before this one")
+    assert request(world, Resume(goal_id="far")).resumed
+    assert not request(world, Pause(goal_id="far", issued_t_ns=begin_ns)).paused
 
 
 @pytest.mark.parametrize("how", ["cancel", "revoke"])

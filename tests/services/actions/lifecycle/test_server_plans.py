@@ -9,8 +9,7 @@ from jezero.base.frames import distance
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, Feedback, PlanReply, Rejected, Result
 from jezero.schemas.goals import AreaCoverageGoal, GetImagesGoal, Goal, GoToGoal, LandOnSpotGoal, TakeoffGoal
-from jezero.schemas.state import StatusCode
-from jezero.services.actions.land_on_spot.rover_landing import ACQUIRE_S, SEARCH_SPEED_MPS
+from jezero.schemas.state import Battery, StatusCode
 from tests.services.actions.fake_camera import FakeCamera
 from tests.services.actions.rig import CONFIG, FAR, World
 
@@ -117,6 +116,21 @@ def test_the_bridges_reason_comes_before_a_missing_input(goal: Goal) -> None:
     assert refused.reason == world.bridge.refuse
 
 
+def test_a_plan_says_what_the_battery_has_and_what_the_flight_takes_of_it() -> None:
+    world = World()
+    goal = GoToGoal(target_ned_m=(20.0, 0.0, -3.0))
+    unknown = plan(world, goal)
+    assert (unknown.battery_remaining, unknown.battery_critical) == (None, None)
+    world.bridge.battery = Battery(voltage_v=15.0, remaining=0.6, critical=0.07)
+    world.bus.run_for(0.2)
+    planned = plan(world, goal)
+    assert (planned.battery_remaining, planned.battery_critical) == (0.6, 0.07)
+    assert planned.duration_s is not None
+    assert planned.battery_used == pytest.approx(CONFIG.vehicle.battery.used(planned.duration_s))
+    assert (planned.code, planned.accepted, planned.warning) == (StatusCode.HOVER, True, "")
+    assert planned.path_ned_m[-1] == (20.0, 0.0, -3.0)
+
+
 def test_a_flying_server_makes_no_plans() -> None:
     world = World()
     world.flying()
@@ -149,5 +163,5 @@ def test_a_landing_with_the_rovers_rough_position_is_planned_by_it() -> None:
     far: Any = plan(World(), LandOnSpotGoal(use_uwb=False, landing_spot_ned_m=(40.0, 0.0, -0.5)))
     assert far.distance_m - near.distance_m == pytest.approx(35.0)
     follows_s = 35.0 / CONFIG.land_on_spot.rover.platform_control.speed_max_mps
-    searches_s = ACQUIRE_S + (40.0 - CONFIG.vehicle.uwb.range_max_m) / SEARCH_SPEED_MPS
+    searches_s = 3.0 + (40.0 - CONFIG.vehicle.uwb.range_max_m) / 1.5
     assert far.duration_s - near.duration_s == pytest.approx(follows_s + searches_s, abs=1.0)

@@ -312,3 +312,32 @@ def test_the_estimate_is_that_of_the_exposure_with_the_attitude_of_that_time() -
     assert estimates[0].tag_ids == (BIG_ID, 1)
     pos_camera_m = np.array(pos_ned_m) + np.array(quat_rotate(then, MOUNT_FRD_M))
     assert estimates[0].range_m == pytest.approx(float(np.linalg.norm(pos_camera_m)), abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("what", "state", "words"),
+    [
+        ((), "degraded", "no pictures: is the camera running?"),
+        (("corners",), "degraded", "no camera/info: the pictures can't be measured"),
+        (("info", "corners"), "ok", "pictures, but no landing tag in view"),
+        (("info", "tags"), "ok", "sees the landing board"),
+    ],
+)
+def test_the_health_says_what_the_detector_lacks(what: tuple[str, ...], state: str, words: str) -> None:
+    level, pos_ned_m = (1.0, 0.0, 0.0, 0.0), (0.2, -0.1, -3.0)
+    tags = tuple(seen([BIG_ID, 1], pos_ned_m, level, 0.3)) if "tags" in what else ()
+    messages: list[tuple[float, Topic[Any], Message]] = []
+    for tenth in range(10, 40):
+        t_s = 0.1 * tenth
+        messages.append((t_s, topics.ODOMETRY, odometry(t_s, level)))
+        if "info" in what:
+            messages.append((t_s, topics.CAMERA_INFO, INFO))
+        if len(what) > ("info" in what):
+            corners = TagCorners(t_ns=round(t_s * NS_PER_S), pitch_camera_rad=DOWN_RAD, tags=tags)
+            messages.append((t_s, topics.TAG_CORNERS, corners))
+    bus = MemoryBus(delay=NO_DELAY)
+    bus.add(TagDetector(CONFIG, VehicleConfig()))
+    bus.add(Feeder(messages))
+    bus.run_for(4.0)
+    health = bus._ports["tag_detector"].node.health(0, 0.0, 0)
+    assert (health.state, health.text) == (state, words)
