@@ -202,22 +202,6 @@ class SetParameters(Payload, frozen=True, kw_only=True):
     rate_relative_hz: Std | None = None
 
 
-class ParametersReply(Payload, frozen=True, kw_only=True):
-    """Reply to `GetParameters` and `SetParameters`.
-
-    Attributes:
-        accepted: the request was accepted; a refused request changes nothing.
-        reason: reason of a refusal, for people.
-        version: version of the parameters, which grows by one with each change.
-        parameters: all parameters after the request. None for a refused request.
-    """
-
-    accepted: bool
-    reason: Text = ""
-    version: int = 0
-    parameters: SetParameters | None = None
-
-
 class Lease(Payload, frozen=True, kw_only=True):
     """Request of a goal for its own selection of inputs. The selection ends 3 s after the last renewal.
 
@@ -235,6 +219,24 @@ class Lease(Payload, frozen=True, kw_only=True):
     use_tag: bool
     pos_rover_ned_m: PositionNed | None = None
     release: bool = False
+
+
+class ParametersReply(Payload, frozen=True, kw_only=True):
+    """Reply to `GetParameters` and `SetParameters`.
+
+    Attributes:
+        accepted: the request was accepted; a refused request changes nothing.
+        reason: reason of a refusal, for people.
+        version: version of the parameters, which grows by one with each change.
+        parameters: all parameters after the request. None for a refused request.
+        lease: lease of the goal that selects the inputs now, with the position that it began with. None for none.
+    """
+
+    accepted: bool
+    reason: Text = ""
+    version: int = 0
+    parameters: SetParameters | None = None
+    lease: Lease | None = None
 
 
 class LeaseReply(Payload, frozen=True, kw_only=True):

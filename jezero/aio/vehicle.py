@@ -194,6 +194,7 @@ class Vehicle:
     fence = in_thread(client.Vehicle.fence)
     set_fence = in_thread(client.Vehicle.set_fence)
     estimator_parameters = in_thread(client.Vehicle.estimator_parameters)
+    estimator_lease = in_thread(client.Vehicle.estimator_lease)
     set_estimator_parameters = in_thread(client.Vehicle.set_estimator_parameters)
     abort = in_thread(client.Vehicle.abort)
     kill = in_thread(client.Vehicle.kill)

@@ -12,7 +12,7 @@ from jezero.client.goal_sender import GoalSender
 from jezero.client.session import Connection, decode
 from jezero.client.status import REPLY_TIMEOUT_S, request_status
 from jezero.schemas.commands import Abort, AbortReply, Hover, HoverReply, Kill, KillReply, Phase
-from jezero.schemas.estimate import GetParameters, ParametersReply, SetParameters
+from jezero.schemas.estimate import GetParameters, Lease, ParametersReply, SetParameters
 from jezero.schemas.fence import Fence, FenceReply, FenceState, SetFence
 from jezero.schemas.goals import Goal, LandOnSpotGoal
 from jezero.schemas.rows import Action
@@ -61,6 +61,12 @@ def set_fence(connection: Connection, fence: Fence | None) -> None:
 def estimator_parameters(connection: Connection) -> SetParameters:
     """See `Vehicle.estimator_parameters`."""
     return _parameters(connection.request(GET_PARAMETERS, GetParameters(), REPLY_TIMEOUT_S))
+
+
+def estimator_lease(connection: Connection) -> Lease | None:
+    """See `Vehicle.estimator_lease`."""
+    reply: ParametersReply = connection.request(GET_PARAMETERS, GetParameters(), REPLY_TIMEOUT_S)
+    return reply.lease
 
 
 def set_estimator_parameters(connection: Connection, fields: Mapping[str, Any]) -> SetParameters:

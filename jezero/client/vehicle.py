@@ -26,7 +26,7 @@ from jezero.keys.members import KeysError
 from jezero.schemas import topics
 from jezero.schemas.actions import PlanReply, ResultReply
 from jezero.schemas.commands import AbortReply
-from jezero.schemas.estimate import Relative, SetParameters
+from jezero.schemas.estimate import Lease, Relative, SetParameters
 from jezero.schemas.fence import Fence, FenceState
 from jezero.schemas.goals import (
     AreaCoverageGoal,
@@ -186,6 +186,10 @@ class Vehicle:
     def estimator_parameters(self) -> SetParameters:
         """The estimator's parameters."""
         return control.estimator_parameters(self._connection)
+
+    def estimator_lease(self) -> Lease | None:
+        """The inputs of the estimator that a goal has selected for itself; None while none has."""
+        return control.estimator_lease(self._connection)
 
     def set_estimator_parameters(self, /, **fields: Any) -> SetParameters:
         """Change parameters of the estimator until it starts anew: `uav.set_estimator_parameters(std_uwb_m=0.2)`.

@@ -68,10 +68,10 @@ class InputSelection:
     # -- requests --
 
     def get(self) -> ParametersReply:
-        """All parameters and their version."""
+        """All parameters and their version, and the lease."""
         fields = msgspec.structs.asdict(self.tuning)
         parameters = SetParameters(**fields, pos_rover_ned_m=self.pos_rover_ned_m)
-        return ParametersReply(accepted=True, version=self.version, parameters=parameters)
+        return ParametersReply(accepted=True, version=self.version, parameters=parameters, lease=self._lease)
 
     def set(self, request: SetParameters) -> ParametersReply:
         """Set the given parameters, or none of them when a value is out of range."""

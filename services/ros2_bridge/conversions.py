@@ -2,7 +2,7 @@
 
 from array import array
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from math import inf, nan, sqrt
 
 from msgspec.structs import replace
@@ -99,6 +99,7 @@ class Context:
         parameters_version: newest version of the estimator's parameters; None before its first estimate.
         lease: the newest lease that was published; None before the first one, and after a release.
         lease_ns: vehicle time of the estimate that it was made from.
+        prior_of: gives the rover's prior position in world NED of a goal's lease, None for none; asks the estimator.
         trail_ned_m: where the vehicle has been, oldest first.
     """
 
@@ -110,6 +111,7 @@ class Context:
         self.parameters_version: int | None = None
         self.lease: Lease | None = None
         self.lease_ns = 0
+        self.prior_of: Callable[[str], Vec3 | None] = lambda goal_id: None
         self.trail_ned_m: deque[Vec3] = deque(maxlen=TRAIL_MAX)
 
     def notice(self, message: object) -> None:
@@ -290,7 +292,10 @@ def relative_pose(m: Relative, context: Context) -> RosMessage | None:
 
 
 def lease(m: Relative, context: Context) -> RosMessage | None:
-    """The lease in force: when it begins or changes, once a second while it lasts, and its release."""
+    """The lease in force: when it begins or changes, once a second while it lasts, and its release.
+
+    Only the first one has the prior position: the filter restarts there once, and renewals keep it.
+    """
     held = context.lease
     if held is not None and held.goal_id != m.goal_id:
         context.lease = None
@@ -301,7 +306,7 @@ def lease(m: Relative, context: Context) -> RosMessage | None:
     if seen == held and 0 <= m.t_ns - context.lease_ns < LEASE_PERIOD_NS:
         return None
     context.lease, context.lease_ns = seen, m.t_ns
-    return to_exact(seen)
+    return to_exact(seen if held is not None else replace(seen, pos_rover_ned_m=context.prior_of(m.goal_id)))
 
 
 def rover_odometry(m: RoverOdometry, context: Context) -> RosMessage:

@@ -21,6 +21,7 @@ from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from jezero.base.frames import Vec3
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.client.errors import JezeroError, Unreachable
 from jezero.client.subscription import Subscription
@@ -107,6 +108,7 @@ class Bridge:
                 self._rows.setdefault(row.source.name, []).append(row)
         if (static := self._publisher("/tf_static", TF, "latched")) is not None:
             static.publish(build(conversions.static_transforms(context, 0)))
+        context.prior_of = self._prior_of
         self._plan = self._publisher("plan", "nav_msgs/msg/Path", "latched")
         self._clock = self._publisher("/clock", "rosgraph_msgs/msg/Clock", "sensor") if uses_clock else None
         for source in sources():
@@ -162,6 +164,14 @@ class Bridge:
         if isinstance(message, Status) and message.goal_id != self._planned and self._plan is not None:
             self._planned = message.goal_id
             self._publish_plan(message)
+
+    def _prior_of(self, goal_id: str) -> Vec3 | None:
+        """The rover's prior position that a goal's lease began with; estimates don't have it."""
+        try:
+            lease = self._uav.estimator_lease()
+        except JezeroError:
+            return None
+        return None if lease is None or lease.goal_id != goal_id else lease.pos_rover_ned_m
 
     def _publish_clock(self) -> None:
         t_ns = self.time.now_ns()

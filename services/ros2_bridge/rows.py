@@ -195,7 +195,7 @@ ROWS: tuple[RosTopic, ...] = (
         topics.RELATIVE,
         make.lease,
         "state",
-        "inputs that a goal has selected: at each change and once a second; without the rover's prior position",
+        "inputs that a goal has selected: at each change and once a second; the first has the rover's prior position",
     ),
 )
 """Every topic that the bridge publishes, beside `/clock` and `/tf_static`."""

@@ -22,7 +22,7 @@ from jezero.schemas.actions import (
     ResumeReply,
 )
 from jezero.schemas.commands import AbortReply, HoverReply, KillReply
-from jezero.schemas.estimate import ParametersReply, SetParameters
+from jezero.schemas.estimate import Lease, ParametersReply, SetParameters
 from jezero.schemas.goals import MoveResult, TakeoffGoal
 from jezero.schemas.state import Status, StatusCode
 from tests.client.rig import (
@@ -349,6 +349,12 @@ def test_the_estimators_parameters_are_read_and_changed(vehicle: Vehicle, server
     for wrong, what in ({"std_uwb": 0.2}, "std_uwb"), ({"std_uwb_m": "small"}, "std_uwb_m"):
         with pytest.raises(ValueError, match=what):
             vehicle.set_estimator_parameters(**wrong)
+
+
+def test_the_estimators_lease_is_read(vehicle: Vehicle, server: Server) -> None:
+    lease = Lease(goal_id="a", use_uwb=False, use_tag=True, pos_rover_ned_m=(1.0, 2.0, 0.0))
+    server.serve("@estimator/parameters/get", ParametersReply(accepted=True, lease=lease))
+    assert vehicle.estimator_lease() == lease
 
 
 def test_a_refused_parameter_raises(vehicle: Vehicle, server: Server) -> None:

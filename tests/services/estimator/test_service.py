@@ -109,6 +109,18 @@ def test_a_released_lease_ends_at_once() -> None:
     assert (relative.goal_id, relative.use_tag) == ("", True)
 
 
+def test_the_lease_can_be_read_with_the_prior_position_that_it_began_with() -> None:
+    rig = Rig()
+    rig.until(2.0)
+    assert rig.ask(topics.GET_PARAMETERS, GetParameters()).lease is None
+    rig.lease(uwb=False, tag=True, pos_ned_m=(1.0, 2.0, 0.0))
+    rig.lease(uwb=True, tag=True)
+    lease = Lease(goal_id="land-1", use_uwb=True, use_tag=True, pos_rover_ned_m=(1.0, 2.0, 0.0))
+    assert rig.ask(topics.GET_PARAMETERS, GetParameters()).lease == lease
+    rig.ask(topics.LEASE, Lease(goal_id="land-1", use_uwb=True, use_tag=False, release=True))
+    assert rig.ask(topics.GET_PARAMETERS, GetParameters()).lease is None
+
+
 def test_one_goal_at_a_time_holds_the_lease() -> None:
     rig = Rig()
     rig.until(2.0)

@@ -154,6 +154,23 @@ def test_the_selection_of_a_goal_is_the_lease_that_gives_it() -> None:
     assert lease(-9.0, "c") == ("c", True, True, False)
 
 
+def test_a_lease_has_the_prior_position_once() -> None:
+    """The estimator restarts its filter there; a bag that had it in each renewal would be another flight."""
+    seen = context()
+    seen.prior_of = {"a": (1.0, 2.0, 0.0), "b": None}.get
+
+    def prior(at_s: float, goal_id: str) -> Any:
+        at = replace(relative_of((0.0, 0.0, -3.0), 0.0), t_ns=T_NS + int(at_s * 1e9), goal_id=goal_id)
+        ros = make.lease(at, seen)
+        assert ros is not None
+        return ros.fields["pos_rover_ned_m"]
+
+    assert prior(0.0, "a") == [1.0, 2.0, 0.0]
+    assert prior(1.0, "a") == [], "a renewal"
+    assert prior(1.1, "") == [], "a release"
+    assert prior(1.2, "b") == [], "a goal without one"
+
+
 def test_a_beam_that_meets_nothing_has_an_infinite_range() -> None:
     assert make.altitude_range(Altimeter(t_ns=T_NS), context()).fields["range"] == inf
     assert make.altitude_range(Altimeter(t_ns=T_NS, range_m=2.5), context()).fields["range"] == 2.5
