@@ -1,7 +1,7 @@
 """Landings on the rover with PX4 and with the embedded autopilot, under the same conditions.
 
-`JEZERO_PX4_DIR=<folder> python -m benchmarks.px4.landings [--rover drive] [--case uwb+tag] [--n 5] [--seed 0]`: the
-landings of `jezero bench landing`, once with PX4 as a process of its own, in lockstep with the simulated world and no
+`JEZERO_PX4_DIR=<folder> python -m benchmarks.px4.landings [--rover drive] [--case uwb+tag] [--sea 0.5 5 5] [--n 5]
+[--seed 0]`: the landings of `jezero bench landing`, once with PX4 as a process of its own, in lockstep with the simulated world and no
 faster than real time, and once with the embedded autopilot. Prints each landing and a summary.
 """
 
@@ -52,10 +52,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rover", choices=list(MOTIONS), default="still")
     parser.add_argument("--case", choices=CASES, default="uwb+tag")
+    parser.add_argument("--sea", type=float, nargs=3, metavar=("HEIGHT", "PERIOD", "TILT"), help="m, s, degrees")
     parser.add_argument("--n", type=int, default=5)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    conditions = Conditions(case=options.case, rover=options.rover)
+    sea = None if options.sea is None else tuple(options.sea)
+    conditions = Conditions(case=options.case, rover=options.rover, sea=sea)
     seeds = range(options.seed, options.seed + options.n)
     flown = {name: fly(name, conditions, seeds) for name in (EMBEDDED, PX4)}
     for name, landings in flown.items():
