@@ -1,8 +1,8 @@
 """Landings on the rover with PX4 and with the embedded autopilot, under the same conditions.
 
 `JEZERO_PX4_DIR=<folder> python -m benchmarks.px4.landings [--rover drive] [--case uwb+tag] [--sea 0.5 5 5] [--n 5]
-[--seed 0]`: the landings of `jezero bench landing`, once with PX4 as a process of its own, in lockstep with the simulated world and no
-faster than real time, and once with the embedded autopilot. Prints each landing and a summary.
+[--seed 0]`: the landings of `jezero bench landing`, once with PX4 as a process of its own, in lockstep with the
+simulated world and no faster than real time, and once with the embedded autopilot. Prints each landing and a summary.
 """
 
 import argparse
