@@ -54,10 +54,12 @@ class StandingObstacle(NamedTuple):
     Attributes:
         name: name of the setting and its number, such as "box 2"; the file of a model is added.
         mesh: its triangles.
+        sunk_m: how far it reaches into the ground.
     """
 
     name: str
     mesh: Mesh
+    sunk_m: float = 0.0
 
     @property
     def corners_ned_m(self) -> Array:
@@ -91,8 +93,11 @@ def make_obstacles(config: TerrainConfig, terrain: Terrain) -> tuple[StandingObs
         ConfigError: the file of a model can't be used.
     """
     return tuple(
-        [StandingObstacle(f"box {i}", _box(each, terrain)) for i, each in enumerate(config.boxes, 1)]
-        + [StandingObstacle(f"pole {i}", _pole(each, terrain)) for i, each in enumerate(config.poles, 1)]
+        [
+            StandingObstacle(f"box {i}", _box(each, terrain), 0.0 if each.height_m else SUNK_M)
+            for i, each in enumerate(config.boxes, 1)
+        ]
+        + [StandingObstacle(f"pole {i}", _pole(each, terrain), SUNK_M) for i, each in enumerate(config.poles, 1)]
         + [
             StandingObstacle(f"model {i} ({Path(each.file).name})", _model(each, terrain))
             for i, each in enumerate(config.models, 1)
@@ -236,12 +241,14 @@ def obstacle_message(obstacle: StandingObstacle, origin_ned_m: Vec3) -> Obstacle
 
 
 def obstacle_place(obstacle: StandingObstacle, origin_ned_m: Vec3) -> ObstaclePlace:
-    """Where an obstacle stands, around another origin.
+    """Where an obstacle stands, around another origin; what is in the ground doesn't count.
 
     Args:
         origin_ned_m: (3,) origin of the reply's frame, in the map.
     """
-    least_m, most_m = np.round(obstacle.limits_ned_m - np.array(origin_ned_m), 3).tolist()
+    limits_ned_m = obstacle.limits_ned_m - np.array(origin_ned_m)
+    limits_ned_m[1, 2] -= obstacle.sunk_m
+    least_m, most_m = np.round(limits_ned_m, 3).tolist()
     north_m, east_m = (round(0.5 * (least_m[i] + most_m[i]), 3) for i in (0, 1))
     long_m, wide_m, tall_m = (round(most - least, 3) for least, most in zip(least_m, most_m, strict=True))
     return ObstaclePlace(

@@ -120,7 +120,8 @@ def test_nothing_is_put_into_an_obstacle_but_the_vehicle_may_be_put_above_one() 
     state = bench.does(PlaceBody(north_m=10.0, east_m=4.0, height_m=6.0))
     assert [each.name for each in state.obstacles] == ["box 1"]
     (hut,) = state.obstacles
-    assert hut.pos_foot_ned_m[:2] == pytest.approx((10.0, 4.0), abs=0.01)
+    assert hut.pos_foot_ned_m == pytest.approx((10.0, 4.0, 0.0), abs=0.01)
+    assert hut.size_ned_m == pytest.approx((4.0, 2.0, 3.0))
     bench.simulator.close()
 
 
