@@ -26,8 +26,10 @@ from jezero.services.simulator.terrain import Terrain
 AGE_MAX_NS = 300_000_000
 LEAD_MAX_NS = 50_000_000
 """Clocks of two processes agree to this, so a command may arrive this much before its time stamp."""
-WHEEL_FORWARD_M, WHEEL_SIDE_M, WHEEL_RADIUS_M = 0.4, 0.35, 0.12
-"""Places of the four wheels from the rover's middle, and their radius."""
+WHEEL_FORWARD_M, WHEEL_SIDE_M, WHEEL_WIDTH_M = 0.47, 0.49, 0.12
+"""Places of the outer wheels from the rover's middle. Two more are between front and rear, and follow the ground."""
+WHEEL_RADIUS_PER_HEIGHT = 0.24
+"""Radius of a wheel, per height of the platform over the ground."""
 
 
 class Drive:
@@ -147,7 +149,8 @@ class RoverModel:
 
         def height_m(forward_m: float, right_m: float) -> float:
             wheel_north_m, wheel_east_m = c * forward_m - s * right_m, s * forward_m + c * right_m
-            return self._terrain.height_of_wheel_m(north_m + wheel_north_m, east_m + wheel_east_m, WHEEL_RADIUS_M)
+            radius_m = WHEEL_RADIUS_PER_HEIGHT * self._height_platform_m
+            return self._terrain.height_of_wheel_m(north_m + wheel_north_m, east_m + wheel_east_m, radius_m)
 
         front_left_m, front_right_m = height_m(WHEEL_FORWARD_M, -WHEEL_SIDE_M), height_m(WHEEL_FORWARD_M, WHEEL_SIDE_M)
         rear_left_m, rear_right_m = height_m(-WHEEL_FORWARD_M, -WHEEL_SIDE_M), height_m(-WHEEL_FORWARD_M, WHEEL_SIDE_M)

@@ -5,7 +5,8 @@ All arguments and results are in the map's NED and the body's FRD.
 
 import weakref
 from collections.abc import Sequence
-from math import cos, sin
+from itertools import product
+from math import cos, sin, sqrt
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from jezero.services.simulator.body import BodyState, RoverState
 from jezero.services.simulator.config import SimulatorConfig, UavConfig
 from jezero.services.simulator.obstacles import StandingObstacle
 from jezero.services.simulator.quiet_pybullet import pybullet
+from jezero.services.simulator.rover import WHEEL_FORWARD_M, WHEEL_RADIUS_PER_HEIGHT, WHEEL_SIDE_M, WHEEL_WIDTH_M
 from jezero.services.simulator.schedule import DT_S, STEPS_PER_S
 from jezero.services.simulator.terrain import HALF_SIDE_M, POINTS, SPACING_M, Terrain
 
@@ -216,18 +218,24 @@ class World:
         return body
 
     def _add_rover(self, platform: PlatformConfig, friction: float, rover: RoverState) -> int:
-        """Platform slab, chassis and two rows of wheels; the body's origin is on top of the platform."""
+        """Platform slab, chassis and six wheels; the body's origin is on top of the platform."""
         half_m = 0.5 * platform.side_m
         top_m = platform.height_m
-        halves_m = [(half_m, half_m, 0.5 * PLATFORM_THICKNESS_M), (0.4, 0.25, 0.25 * top_m)]
-        places_m = [(0.0, 0.0, -0.5 * PLATFORM_THICKNESS_M), (0.0, 0.0, -0.4 * top_m)]
-        for side in (-1.0, 1.0):
-            halves_m.append((0.45, 0.06, 0.15 * top_m))
-            places_m.append((0.0, side * 0.35, -0.85 * top_m))
+        radius_m = WHEEL_RADIUS_PER_HEIGHT * top_m
+        places_m = (WHEEL_FORWARD_M, 0.0, -WHEEL_FORWARD_M), (WHEEL_SIDE_M, -WHEEL_SIDE_M)
+        wheels_m = [(forward_m, side_m, radius_m - top_m) for forward_m, side_m in product(*places_m)]
+        n = len(wheels_m)
         shape = pybullet.createCollisionShapeArray(
-            shapeTypes=[pybullet.GEOM_BOX] * len(halves_m),
-            halfExtents=halves_m,
-            collisionFramePositions=places_m,
+            shapeTypes=[pybullet.GEOM_BOX] * 2 + [pybullet.GEOM_CYLINDER] * n,
+            halfExtents=[
+                (half_m, half_m, 0.5 * PLATFORM_THICKNESS_M),
+                (0.42, 0.26, 0.22 * top_m),
+                *[(0.0, 0.0, 0.0)] * n,
+            ],
+            radii=[0.0] * 2 + [radius_m] * n,
+            lengths=[0.0] * 2 + [WHEEL_WIDTH_M] * n,
+            collisionFramePositions=[(0.0, 0.0, -0.5 * PLATFORM_THICKNESS_M), (0.0, 0.0, -0.38 * top_m), *wheels_m],
+            collisionFrameOrientations=[(0.0, 0.0, 0.0, 1.0)] * 2 + [(sqrt(0.5), 0.0, 0.0, sqrt(0.5))] * n,
             physicsClientId=self._client,
         )
         position, orientation = _rover_pose(rover)

@@ -12,6 +12,7 @@ from jezero.base.vehicle_config import PLATFORM_THICKNESS_M, AirframeConfig, Pla
 from jezero.services.simulator.config import TerrainConfig
 from jezero.services.simulator.noise import generator
 from jezero.services.simulator.obstacles import make_obstacles
+from jezero.services.simulator.rover import WHEEL_FORWARD_M, WHEEL_RADIUS_PER_HEIGHT, WHEEL_SIDE_M, WHEEL_WIDTH_M
 from jezero.services.simulator.shapes import Colour, Mesh, box, mesh_of, rod
 from jezero.services.simulator.terrain import Terrain
 
@@ -52,7 +53,7 @@ def _corners(at_m: float) -> list[tuple[float, float]]:
 
 def _wheels(side: float, top_m: float) -> list[Mesh]:
     """Three wheels of one side, with treads, hubs, and the rocker that holds them."""
-    radius_m = 0.24 * top_m
+    radius_m, half_m = WHEEL_RADIUS_PER_HEIGHT * top_m, 0.5 * WHEEL_WIDTH_M
     axle_m = top_m - radius_m
     parts = [
         rod((0.06, side * 0.40, 0.45 * top_m), (0.47, side * 0.44, axle_m - 0.03), 0.022, GREY),
@@ -60,10 +61,11 @@ def _wheels(side: float, top_m: float) -> list[Mesh]:
         rod((-0.22, side * 0.42, 0.62 * top_m), (0.0, side * 0.44, axle_m), 0.02, GREY),
         rod((-0.22, side * 0.42, 0.62 * top_m), (-0.47, side * 0.44, axle_m), 0.02, GREY),
     ]
-    for forward_m in (0.47, 0.0, -0.47):
-        middle = (forward_m, side * 0.49, axle_m)
-        parts.append(rod((forward_m, side * 0.43, axle_m), (forward_m, side * 0.55, axle_m), radius_m, DARK, 20))
-        parts.append(rod((forward_m, side * 0.42, axle_m), (forward_m, side * 0.556, axle_m), 0.045, GREY, 12))
+    for forward_m in (WHEEL_FORWARD_M, 0.0, -WHEEL_FORWARD_M):
+        middle = (forward_m, side * WHEEL_SIDE_M, axle_m)
+        for reach_m, radius, colour, sides in ((half_m, radius_m, DARK, 20), (half_m + 0.008, 0.045, GREY, 12)):
+            ends = [(forward_m, side * (WHEEL_SIDE_M + sign * reach_m), axle_m) for sign in (-1.0, 1.0)]
+            parts.append(rod(ends[0], ends[1], radius, colour, sides))
         for k in range(20):
             angle = 2.0 * pi * k / 20
             place = (middle[0] + radius_m * cos(angle), middle[1], middle[2] - radius_m * sin(angle))

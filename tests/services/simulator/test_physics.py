@@ -3,7 +3,7 @@
 import subprocess
 import sys
 from collections.abc import Iterator
-from math import atan2, cos, degrees, isfinite, radians, sin, sqrt
+from math import atan2, cos, degrees, isfinite, pi, radians, sin, sqrt
 
 import msgspec
 import numpy as np
@@ -334,3 +334,16 @@ def test_the_physics_engine_prints_nothing_when_it_is_imported() -> None:
         [sys.executable, "-c", "import jezero.services.simulator.world"], capture_output=True, text=True, check=True
     )
     assert (done.stdout, done.stderr) == ("", "")
+
+
+def test_the_rover_has_wheels_with_gaps_between_them() -> None:
+    """A beam 10 cm above level ground from beside the rover meets its middle wheel, and nothing 24 cm before it."""
+    flat = make_terrain(TerrainConfig(std_ground_m=0.0, craters=0, rocks=0))
+    config = RoverConfig(start_north_m=10.0, start_east_m=0.0, start_yaw_rad=0.0)
+    world = World(CONFIG, VEHICLE, flat, RoverModel(config, flat, PLATFORM_M).state)
+    ranges_m = []
+    for forward_m in (0.0, 0.24):
+        world.place_uav((10.0 + forward_m, -4.0, -1.0), 0.5 * pi)
+        ranges_m.append(world.range_m((1.0, 0.0, 0.9), (1.0, 0.0, 0.0), 10.0))
+    world.close()
+    assert ranges_m == [pytest.approx(4.0 - 1.0 - 0.55, abs=0.02), None]

@@ -69,7 +69,7 @@ def test_a_wheel_stands_on_the_highest_of_ground_and_rocks() -> None:
 def test_a_rover_that_drives_over_rocks_heaves_and_leans_and_is_level_behind_them() -> None:
     rocky = make_terrain(TerrainConfig(std_ground_m=0.0, craters=0, rocks=1, radius_rock_min_m=0.2))
     north_m, east_m, _ = rocky.rock_vertices_ned_m.mean(axis=0).tolist()
-    driven = rover(rocky, tilts_with_ground=True, start_north_m=north_m - 2.0, start_east_m=east_m - 0.35)
+    driven = rover(rocky, tilts_with_ground=True, start_north_m=north_m - 2.0, start_east_m=east_m - 0.49)
     tilts_rad, heights_m, climbs_mps = [], [], []
     for _ in range(1000):
         state = driven.drive(1.0, 0.0, 0.004)
