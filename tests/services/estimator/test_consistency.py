@@ -24,6 +24,7 @@ from tests.services.estimator.test_filter import (
     POS_ROVER_M,
     POS_UAV_M,
     YAW_RAD,
+    hovering,
     kalman_at,
     ranges_m,
 )
@@ -112,6 +113,20 @@ def test_headings_of_the_tag_that_differ_again_and_again_show_the_error_of_the_r
         assert monitor.heading_error_rad(tag, kalman) is None
     assert monitor.heading_error_rad(wrong, kalman) == pytest.approx(0.8)
     assert "the rover's heading was corrected by -46 degrees" in monitor.left_out
+
+
+def test_the_rovers_heading_is_corrected_to_that_of_the_tags() -> None:
+    """The rover's compass is wrong by 0.8 rad, and the tags see the heading six times in a row."""
+    relative, ms = RelativeFilter(Tuning(), ValidityConfig(), PlatformConfig()), 0
+    while not relative.consistency.heading_turned:
+        yaw_rad = YAW_RAD - 0.8 if ms >= 1000 else None
+        tag = TagMeasurement(ms * MS, REL_M, REL_M, 1e-4 * np.eye(3), 0.0, yaw_rad, 0.01)
+        relative.add([*hovering(0.1, start_ms=ms), tag])
+        ms += 100
+        assert ms < 3000
+    assert relative.estimate is not None
+    assert relative.estimate.yaw_rover_rad == pytest.approx(YAW_RAD - 0.8, abs=0.1)
+    assert "the rover's heading was corrected by -46 degrees" in relative.consistency.left_out
 
 
 class TurnedWindow:

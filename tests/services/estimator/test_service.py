@@ -299,6 +299,20 @@ def test_a_position_that_is_not_known_well_enough_is_told_with_the_bound_and_wha
     assert "the last measurement is 0.1 s old: check that the tags are in view and lit" in reason
 
 
+def test_a_height_that_altimeter_and_estimate_contradict_is_named_with_both() -> None:
+    """An altimeter whose window is dirty measures 0.3 m at any height."""
+
+    def dirty(arrival: Arrival) -> Iterable[Arrival]:
+        t_ns, topic, message = arrival
+        if topic is topics.ALTIMETER:
+            message = replace(message, range_m=0.3)
+        yield t_ns, topic, message
+
+    relative = Rig(tamper=dirty).until(4.0)
+    assert (relative.valid, relative.contradicted) == (False, True)
+    assert "m above the platform, the altimeter 0.3 m above what is below: check the altimeter" in relative.reason
+
+
 def test_a_lock_on_a_wrong_place_is_told_and_left() -> None:
     def elsewhere(arrival: Arrival) -> Iterable[Arrival]:
         t_ns, topic, message = arrival

@@ -11,28 +11,31 @@ from jezero.base.vehicle_config import BatteryConfig
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.runtime.service import Inbox, Output, Publish, Spec
 from jezero.schemas.preflight import GetPreflight, PreflightReply, PreflightReport
+from jezero.schemas.sensors import Altimeter
 from jezero.schemas.state import Battery, Clock, StatusCode
-from jezero.schemas.topics import CHECK_PREFLIGHT, CLOCK, MAG, STATUS
+from jezero.schemas.topics import ALTIMETER, CHECK_PREFLIGHT, CLOCK, MAG, STATUS
 from jezero.services.preflight.checks import LANDING_CHAIN
 from jezero.services.preflight.service import Preflight
 from tests.services.preflight.healthy import mag, status
 
 
 class StandingVehicle:
-    """Publishes clock, status and magnetometer.
+    """Publishes clock, status and magnetometer, and the altimeter when it measures something.
 
     Attributes:
         status: fields of the status that differ from a healthy one.
         silent: the magnetometer sends nothing.
         epoch_id: id of the epoch.
+        range_m: what the altimeter measures; None for nothing, so that it is silent.
     """
 
-    spec = Spec(name="vehicle_bridge", outputs=(CLOCK, STATUS, MAG), rate_hz=10.0)
+    spec = Spec(name="vehicle_bridge", outputs=(CLOCK, STATUS, MAG, ALTIMETER), rate_hz=10.0)
 
     def __init__(self) -> None:
         self.status: dict[str, Any] = {}
         self.silent = False
         self.epoch_id = 1
+        self.range_m: float | None = None
         self._readings = mag()
         self._count = 0
 
@@ -43,6 +46,8 @@ class StandingVehicle:
         if not self.silent:
             reading = self._readings[self._count % len(self._readings)]
             yield Publish(MAG, msgspec.structs.replace(reading, t_ns=t_ns))
+        if self.range_m is not None:
+            yield Publish(ALTIMETER, Altimeter(t_ns=t_ns, range_m=self.range_m))
 
 
 class Idle:
@@ -140,6 +145,21 @@ def test_a_charge_that_stands_still_in_flight_is_a_failed_check_until_it_changes
     assert failed(bench.wait_report(8.0)) == ["battery"]
     bench.vehicle.status = {"battery": Battery(voltage_v=16.4, remaining=0.95, critical=0.07)}
     assert failed(bench.wait_report(8.0)) == []
+
+
+def test_an_altimeter_that_measures_a_wrong_height_at_the_takeoff_is_a_failed_check_in_flight() -> None:
+    bench = Bench()
+    bench.vehicle.range_m = 0.2
+    bench.wait_report(3.0)
+    odometry = status().odometry
+    assert odometry is not None
+    bench.vehicle.status = {"code": int(StatusCode.TAKEOFF), "armed": True}
+    bench.bus.run_for(1.0)
+    climbed = msgspec.structs.replace(odometry, pos_uav_ned_m=(0.0, 0.0, -3.0))
+    bench.vehicle.status |= {"landed": False, "odometry": climbed}
+    report = bench.wait_report(8.0)
+    assert failed(report) == ["sensors"]
+    assert "by the altimeter 0.2 m" in report.failed()[0].text
 
 
 def test_a_sensor_that_is_silent_for_two_seconds_passes_and_for_longer_fails_until_it_sends_again() -> None:

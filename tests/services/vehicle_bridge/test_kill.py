@@ -88,3 +88,14 @@ def test_a_kill_that_the_autopilot_does_not_hear_is_reported_and_kept_up() -> No
     rig.autopilot.lost_commands = 0
     rig.run(1.0)
     assert not rig.autopilot.armed
+
+
+def test_a_kill_of_a_vehicle_that_is_being_armed_is_done_only_when_its_motors_stand_still() -> None:
+    """The autopilot's HEARTBEAT, which comes once a second, may still say that the motors are off."""
+    rig = Rig().ready()
+    rig.autopilot.reported_armed, rig.autopilot.lost_acks = False, 1
+    control_id = rig.acquire("takeoff").control_id
+    rig.run_until(lambda: rig.autopilot.armed, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
+    rig.autopilot.lost_commands = 2
+    assert rig.request(KILL, Kill(confirm=True)).killed
+    assert not rig.autopilot.armed

@@ -223,6 +223,22 @@ def test_a_goal_whose_vehicle_somebody_else_has_taken_meanwhile_is_no_success() 
     assert (result.outcome, result.reason) == ("aborted", "this control is not in charge")
 
 
+def test_a_goal_whose_first_release_is_refused_is_no_success_though_the_vehicle_hovers() -> None:
+    world = World()
+    published: list[bytes] = []
+    world.bus.observe(lambda t_ns, name, data: published.append(data) if name == topics.STATUS.name else None)
+    answers = world.send(GoToGoal(target_ned_m=(1.0, 0.0, -3.0), goal_id="g"))
+    server = world.servers["go_to"]
+    assert world.bus.run_for(30.0, lambda: server._run is not None and server._run.stage == "releasing")
+    world.bridge.revoke(StatusCode.HOVER, "hover was asked for")
+    hovering = msgspec.structs.replace(
+        decode(Status, published[-1]), t_ns=world.bus.t_ns, code=int(StatusCode.HOVER), in_charge="hover", grant=0
+    )
+    world.bus.publish("vehicle_bridge", topics.STATUS, encode(hovering))  # it overtakes the reply
+    result = world.end(answers)
+    assert (result.outcome, result.reason) == ("aborted", "this control is not in charge")
+
+
 def test_a_release_that_is_never_answered_is_given_up() -> None:
     world = World()
     world.bridge.lost_releases = 10_000

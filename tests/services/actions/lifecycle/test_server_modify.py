@@ -7,7 +7,7 @@ import pytest
 from jezero.base.frames import distance, norm
 from jezero.runtime.service import BackgroundTask, CancelTask, Output, Reply, Response
 from jezero.schemas import topics
-from jezero.schemas.actions import Feedback, GetRunning, Modify, ModifyReply, Pause
+from jezero.schemas.actions import Cancel, Feedback, GetRunning, Modify, ModifyReply, Pause
 from jezero.schemas.goals import AreaCoverageGoal, GetImagesGoal, GoToGoal, LandOnSpotGoal, TakeoffGoal
 from jezero.schemas.rows import Action
 from jezero.schemas.state import Status, StatusCode
@@ -124,6 +124,22 @@ def test_a_goal_that_is_not_accepted_yet_is_not_modified() -> None:
     world.send(goal)
     world.bus.run_for(0.2)
     assert modify(world, "orbit", topics.GET_IMAGES, num_images=8).reason == "the goal does not fly yet"
+
+
+def test_a_goal_that_is_ending_or_stands_on_the_ground_refuses_a_change_at_once() -> None:
+    world = World()
+    world.flying()
+    world.bridge.lost_releases = 1000
+    request(world, Cancel(goal_id="far"))
+    ending = world.bus.send_request(topics.GO_TO.modify, Modify(goal_id="far", fields={"speed_mps": 1.0}))
+    assert world.bus.run_for(0.1, lambda: ending.ended)
+    assert ending.replies[0] == ModifyReply(modified=False, reason="the goal is ending already")
+    world = World((0.0, 0.0, 0.0))
+    up = world.send(TakeoffGoal(altitude_m=8.0, goal_id="up"))
+    assert world.bus.run_for(1.0, lambda: bool(up.replies))
+    standing = world.bus.send_request(topics.TAKEOFF.modify, Modify(goal_id="up", fields={"altitude_m": 4.0}))
+    assert world.bus.run_for(0.01, lambda: standing.ended)
+    assert "on the ground" in standing.replies[0].reason
 
 
 def test_other_clients_read_the_way_of_a_goal_and_its_new_way_after_a_change() -> None:
