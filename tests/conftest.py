@@ -5,6 +5,7 @@ import signal
 from collections.abc import Iterator
 
 import pytest
+from hypothesis import settings
 
 from jezero.base import plugins
 from jezero.base.config import WORLD_VARIABLE
@@ -12,6 +13,11 @@ from jezero.base.config import WORLD_VARIABLE
 plugins.GROUP = "jezero.actions.none"
 """The actions of packages that are installed beside jezero are left out of what runs in the tests' own process: each of
 them would change the flights and missions of all seeds."""
+
+
+settings.register_profile("jezero", deadline=None)
+settings.load_profile("jezero")
+"""An example may take any time: a busy machine makes each of them slow."""
 
 
 def pytest_configure() -> None:

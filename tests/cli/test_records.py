@@ -136,7 +136,7 @@ def test_a_recording_of_another_program_makes_no_command_crash(command: str, tmp
 
 
 @pytest.mark.long
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_a_damaged_recording_ends_no_command_with_a_traceback(
     tmp_path_factory: pytest.TempPathFactory, whole: bytes, data: st.DataObject

@@ -172,7 +172,7 @@ def plans(draw: st.DrawFn) -> list[Item]:
     return [item(command) for command in (22, *commands)]
 
 
-@settings(max_examples=80, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=80, suppress_health_check=list(HealthCheck))
 @given(items=plans(), version=VERSIONS, ints=st.booleans())
 def test_a_plan_of_any_version_is_flown_as_its_own_program_means_it(
     items: list[Item], version: str, ints: bool

@@ -139,7 +139,7 @@ def test_a_line_after_which_the_vehicle_waits_for_a_person_is_lost(tmp_path: Pat
     assert imported(file).lost == ["item 2 waits for a person before the next one (autoContinue is false)"]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.lists(
         st.sampled_from(["0", "1", "3", "16", "22", "-1", "47.4", "8.5", "1e308", "nan", "x", "\x00"]), max_size=30

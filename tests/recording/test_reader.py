@@ -183,7 +183,7 @@ def test_a_recording_of_another_program_has_no_messages_of_ours(tmp_path: Path) 
     assert recording.summary().counts == {"/tf": 1}
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_a_file_that_is_cut_or_has_wrong_bytes_is_read_to_there_or_refused(
     path: Path, tmp_path: Path, data: st.DataObject

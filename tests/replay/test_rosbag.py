@@ -46,7 +46,7 @@ OTHER_NAMES = {"/odom": "odometry", "/husky/odom": "rover/odometry", "/lidar": "
 }
 LATE_MAX = 2
 """Number of estimates after which the bridge's lease has its effect: it is made from the first one."""
-FEW = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+FEW = settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 @pytest.fixture(scope="module")

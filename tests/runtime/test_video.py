@@ -214,7 +214,7 @@ class Bytes(io.BytesIO):
 
 
 @pytest.mark.long
-@settings(max_examples=10_000, deadline=None, database=None)
+@settings(max_examples=10_000, database=None)
 @given(pieces=st.lists(PIECES, max_size=12))
 def test_no_bytes_of_a_stream_raise_anything_but_the_reason_and_a_good_picture_is_read_after_them(
     pieces: list[bytes],

@@ -214,7 +214,7 @@ coordinate = st.floats(-60.0, 60.0)
 
 
 @pytest.mark.parametrize("depth", [st.floats(-60.0, -10.0), st.floats(-10.0, -0.5)], ids=["up", "down"])
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(data=st.data(), x=coordinate, y=coordinate, speed_mps=st.floats(0.3, 10.0), yaw_rad=st.floats(-3.1, 3.1))
 def test_setpoints_are_finite_and_within_the_speed_limits(
     data: st.DataObject, x: float, y: float, speed_mps: float, yaw_rad: float, depth: st.SearchStrategy[float]

@@ -263,7 +263,7 @@ def test_a_moving_vehicle_is_not_aligned() -> None:
     assert "moves" in estimator.invalid_reason
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     st.lists(
         st.tuples(

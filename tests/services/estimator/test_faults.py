@@ -56,7 +56,7 @@ def pictures(draw: st.DrawFn, t_ns: int) -> TagEstimate:
     )
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=25, suppress_health_check=list(HealthCheck))
 @given(st.data())
 def test_no_message_makes_the_result_anything_but_numbers(data: st.DataObject) -> None:
     estimator, inbox = Estimator(EstimatorConfig(), VehicleConfig()), Mailbox(())

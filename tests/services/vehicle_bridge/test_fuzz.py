@@ -150,7 +150,7 @@ class Chaos:
             assert s.type_mask & 7 == 0 or s.type_mask & 56 == 0
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @example([14, 3, *[0] * 38])
 @given(st.lists(st.integers(min_value=0, max_value=10_000), min_size=40, max_size=160))
 def test_no_sequence_of_requests_and_mishaps_leaves_the_table(numbers: list[int]) -> None:

@@ -228,7 +228,7 @@ def test_a_speed_beyond_the_vehicles_limits_is_refused(speed_mps: float) -> None
 numbers = st.floats(-50.0, 50.0)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.lists(st.tuples(numbers, numbers, numbers, st.floats(-10.0, 10.0)), min_size=1, max_size=8))
 def test_no_commands_lead_out_of_the_fence(commands: list[tuple[float, float, float, float]]) -> None:
     flight = Flight(fence=Fence(keep_in=FIELD, keep_out=(CRATER,), ceiling_m=10.0), speed_max_mps=6.0)

@@ -277,7 +277,7 @@ FAULTS: dict[str, Fault] = {
 }
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.tuples(st.floats(0.0, 3.0), st.sampled_from(sorted(FAULTS))), max_size=5))
 def test_a_goal_ends_exactly_once_whatever_happens(faults: list[tuple[float, str]]) -> None:
     bus = MemoryBus(seed=2)
