@@ -12,7 +12,7 @@ EXTRAS = {
     "argon2": "ground", "websockets": "ground",
     "scipy": "services", "pymavlink": "services", "fastcrc": "services", "filterpy": "services", "cv2": "services",
     "pupil_apriltags": "services", "serial": "services", "pynmeagps": "services",
-    "pybullet": "sim", "moderngl": "sim",
+    "pybullet": "sim", "moderngl": "sim", "trimesh": "sim",
     "rosbags": "ros2",
 }  # fmt: skip
 """Extra of each optional package, by the name that is imported."""

@@ -4,7 +4,6 @@ Physics, altimeter and both renderers of the camera get the same triangles.
 """
 
 import struct
-from collections.abc import Iterator
 from math import cos, sin
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -166,8 +165,11 @@ def _read(path: Path, config: ModelConfig) -> tuple[Array, Array]:
     if path.suffix.lower() not in AXES:
         raise ValueError(f"is no model: the formats are {', '.join(AXES)}")
     path.open("rb").close()  # trimesh's own words for a missing file are longer
+    import trimesh
+
     try:
-        parts = [(_triangles(part), _colours(part, config)) for part in _parts(path)]
+        meshes = [part for part in trimesh.load_scene(path).dump() if isinstance(part, trimesh.Trimesh)]
+        parts = [(_triangles(mesh), _colours(mesh, config)) for mesh in meshes if len(mesh.faces)]
     except BROKEN_FILE as error:
         raise ValueError(f"can't be read: {' '.join(str(error).split()) or type(error).__name__}") from error
     if not parts:
@@ -188,15 +190,6 @@ def _read(path: Path, config: ModelConfig) -> tuple[Array, Array]:
             "the file is one metre, times `scale`"
         )
     return triangles, np.concatenate([colours for _, colours in parts])
-
-
-def _parts(path: Path) -> Iterator[Any]:
-    """The meshes of a file, each at its place."""
-    import trimesh
-
-    for part in trimesh.load_scene(path).dump():
-        if isinstance(part, trimesh.Trimesh) and len(part.faces):
-            yield part
 
 
 def _triangles(part: Any) -> Array:
