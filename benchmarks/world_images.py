@@ -36,7 +36,7 @@ HEIGHT_M = 1.5
 
 
 class Eye(NamedTuple):
-    """From where a picture is drawn.
+    """The place from which a picture is drawn, and the direction in which it looks.
 
     Attributes:
         from_rover_ned_m: place of the eye from the middle of the rover's platform.

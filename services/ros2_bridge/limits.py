@@ -24,7 +24,8 @@ class Announcements:
         """Whether a refusal is to be announced now.
 
         Args:
-            what: was refused.
+            what: the thing that was refused, such as the name of an action.
+            reason: why it was refused, for people.
             now_s: time of any clock that never steps.
         """
         recent = {key: at_s for key, at_s in self._announced_s.items() if now_s - at_s < REFUSAL_PERIOD_S}

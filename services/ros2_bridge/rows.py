@@ -165,7 +165,7 @@ ROWS: tuple[RosTopic, ...] = (
     ),
     RosTopic("/tf", TF, topics.CAMERA_PREVIEW, make.camera_transform, "state", "`base_link` → `camera_optical`"),
     RosTopic(
-        "path", "nav_msgs/msg/Path", topics.ODOMETRY, make.flown_path, "state", "where the vehicle has been, in `map`"
+        "path", "nav_msgs/msg/Path", topics.ODOMETRY, make.flown_path, "latched", "where the vehicle has been, in `map`"
     ),
     RosTopic(
         "markers/uncertainty",

@@ -73,14 +73,14 @@ class PoleConfig(Config, frozen=True, kw_only=True):
     Attributes:
         north_m: place, north of the map's origin.
         east_m: place, east of the map's origin.
-        tall_m: height of its top above the ground.
+        length_m: its length above the ground.
         radius_m: its radius.
         colour: red, green and blue.
     """
 
     north_m: Coordinate
     east_m: Coordinate
-    tall_m: Size
+    length_m: Size
     radius_m: Size = 0.05
     colour: tuple[Share, Share, Share] = CONCRETE
 

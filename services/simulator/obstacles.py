@@ -28,12 +28,12 @@ MODEL_TRIANGLES_MAX = 20_000
 MODEL_SIZE_MIN_M, MODEL_SIZE_MAX_M = 0.01, 200.0
 
 Y_UP: Array = np.array(((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0)))
-"""From y up and z forward to NED, for a heading of 0."""
+"""Turns a point of a file whose y axis points up, and whose z axis points forward, into NED, for a heading of 0."""
 Z_UP: Array = np.diag((1.0, -1.0, -1.0))
-"""From z up and x forward to NED, for a heading of 0."""
+"""Turns a point of a file whose z axis points up, and whose x axis points forward, into NED, for a heading of 0."""
 AXES = {".glb": Y_UP, ".gltf": Y_UP, ".obj": Y_UP, ".stl": Z_UP, ".ply": Z_UP}
-"""The formats of models, and which way their axes point: glTF 2.0 says it, and OBJ is mostly written so too; STL and
-PLY have the axes of ROS (REP 103)."""
+"""Formats of models, and the directions of their axes. They are those of the standard for glTF 2.0, those that most
+programs write for OBJ, and those of ROS (REP 103) for STL and PLY."""
 BROKEN_FILE = (
     ValueError,
     LookupError,
@@ -127,7 +127,9 @@ def _box(config: BoxConfig, terrain: Terrain) -> Mesh:
 def _pole(config: PoleConfig, terrain: Terrain) -> Mesh:
     foot_m = -terrain.height_m(config.north_m, config.east_m)
     place = config.north_m, config.east_m
-    return rod((*place, foot_m + SUNK_M), (*place, foot_m - config.tall_m), config.radius_m, config.colour, POLE_SIDES)
+    return rod(
+        (*place, foot_m + SUNK_M), (*place, foot_m - config.length_m), config.radius_m, config.colour, POLE_SIDES
+    )
 
 
 def _model(config: ModelConfig, terrain: Terrain) -> Mesh:
@@ -260,7 +262,11 @@ def hidden(triangles_ned_m: Array, eye_ned_m: Array, points_ned_m: Array) -> npt
     Returns:
         (m,) truth values.
     """
-    result: npt.NDArray[np.bool_] = np.logical_or.reduce(_crossings(triangles_ned_m, eye_ned_m, points_ned_m), axis=1)
+    places_m = np.vstack((eye_ned_m, points_ned_m))
+    least_m, most_m = places_m.min(axis=0), places_m.max(axis=0)
+    between = (triangles_ned_m.max(axis=1) >= least_m) & (triangles_ned_m.min(axis=1) <= most_m)
+    near_ned_m = triangles_ned_m[between.all(axis=1)]  # the others can't be in the way
+    result: npt.NDArray[np.bool_] = np.logical_or.reduce(_crossings(near_ned_m, eye_ned_m, points_ned_m), axis=1)
     return result
 
 

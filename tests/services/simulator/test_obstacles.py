@@ -56,7 +56,7 @@ def test_a_box_is_as_long_wide_and_high_as_it_says_and_turns_clockwise() -> None
 
 
 def test_what_stands_on_a_slope_stands_on_its_ground() -> None:
-    config = flat(slope_deg=10.0, poles=(PoleConfig(north_m=-8.0, east_m=0.0, tall_m=5.0),))
+    config = flat(slope_deg=10.0, poles=(PoleConfig(north_m=-8.0, east_m=0.0, length_m=5.0),))
     ground_m = make_terrain(config).height_m(-8.0, 0.0)
     assert ground_m > 0.5
     (pole,) = standing(config)
@@ -88,7 +88,7 @@ def test_water_reflects_the_beam_and_what_stands_in_it_too() -> None:
 def test_a_pole_stops_a_vehicle_that_flies_against_it() -> None:
     weight_n = VEHICLE.airframe.mass_kg * 9.81
     reached_m = []
-    for poles in ((), (PoleConfig(north_m=8.0, east_m=0.0, tall_m=6.0, radius_m=0.1),)):
+    for poles in ((), (PoleConfig(north_m=8.0, east_m=0.0, length_m=6.0, radius_m=0.1),)):
         world = world_of(flat(poles=poles))
         world.place_uav((5.0, 0.0, -3.0), 0.0, vel_ned_mps=(3.0, 0.0, 0.0))
         for _ in range(500):
@@ -200,7 +200,7 @@ def model(file: Path, **settings: float) -> StandingObstacle:
 
 
 def test_a_model_stands_upright_and_its_front_points_north(models: Path) -> None:
-    """In glTF and OBJ z is the front, -x the right and y up; in STL x is the front, -y the right and z up."""
+    """In glTF and OBJ y is up and z is the front. In STL z is up and x is the front."""
     for file in ("arrow.gltf", "arrow.obj"):
         found = model(models / file)
         assert found.name == f"model 1 ({file})"

@@ -1,4 +1,8 @@
-"""Prints messages of ROS topics as JSON lines: `listener.py SECONDS RELIABILITY TYPE=TOPIC...` in a ROS environment."""
+"""Prints messages of ROS topics as JSON lines: `listener.py SECONDS RELIABILITY TYPE=TOPIC...` in a ROS environment.
+
+It listens for SECONDS, and longer until each topic has been heard, at most LISTEN_MAX_S: a busy machine needs a while
+to make connections.
+"""
 
 import json
 import sys
@@ -10,6 +14,10 @@ from typing import Any
 import rclpy
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+LISTEN_MAX_S = 90.0
+LATCHED = ("path", "fence")
+"""Parts of the names of topics of which the last message waits for whoever comes late."""
 
 
 def plain(value: Any) -> Any:
@@ -23,7 +31,8 @@ def plain(value: Any) -> Any:
     return [plain(each) for each in value[:100]]
 
 
-def show(topic: str, message: Any) -> None:
+def show(silent: set[str], topic: str, message: Any) -> None:
+    silent.discard(topic)
     print(json.dumps({"topic": topic, "message": plain(message)}), flush=True)
 
 
@@ -31,19 +40,23 @@ def main() -> None:
     seconds, reliability, *wanted = sys.argv[1:]
     rclpy.init()
     node = Node("listener")
+    silent: set[str] = set()
     for each in wanted:
         kind, topic = each.split("=")
         package, _, name = kind.split("/")
         quality = QoSProfile(
             depth=50,
             reliability=ReliabilityPolicy[reliability],
-            durability=DurabilityPolicy.TRANSIENT_LOCAL if "fence" in topic else DurabilityPolicy.VOLATILE,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL
+            if any(name in topic for name in LATCHED)
+            else DurabilityPolicy.VOLATILE,
         )
+        silent.add(topic)
         message_class = getattr(import_module(f"{package}.msg"), name)
-        node.create_subscription(message_class, topic, partial(show, topic), quality)
+        node.create_subscription(message_class, topic, partial(show, silent, topic), quality)
     print(json.dumps({"topic": "", "message": "listens"}), flush=True)
-    end_s = time.monotonic() + float(seconds)
-    while time.monotonic() < end_s:
+    begin_s = time.monotonic()
+    while (listened_s := time.monotonic() - begin_s) < float(seconds) or (silent and listened_s < LISTEN_MAX_S):
         rclpy.spin_once(node, timeout_sec=0.1)
 
 

@@ -149,7 +149,7 @@ def test_a_result_that_raises_is_none() -> None:
 
 
 class Tells:
-    """A behaviour that also tells its rest, its way and whether it can be paused; the part named by `where` raises."""
+    """A behaviour that also has a rest and a way, and may be paused or not. The method named `where` raises."""
 
     def __init__(self, where: str = "", rest: Any = None, way: Any = ()) -> None:
         self._where, self._rest, self._way = where, rest, way
@@ -192,9 +192,9 @@ def test_what_raises_beside_the_flight_is_unknown_and_aborts_the_goal_in_the_nex
     behaviour = telling(where=where, rest=Remaining(1.0, 1.0), way=((0.0, 0.0, -3.0),))
     assert behaviour.step(0, STATE) is MOVE
     arguments = (0, 0.02, STATE) if where == "hold" else (STATE,)
-    told = getattr(behaviour, where)(*arguments)
+    answer = getattr(behaviour, where)(*arguments)
     reason = f"spiral failed in {where}: ValueError: out of propellant"
-    assert told in (None, ()) or (told.reason if where == "hold" else told).startswith(reason)
+    assert answer in (None, ()) or (answer.reason if where == "hold" else answer).startswith(reason)
     done = behaviour.step(1, STATE)
     assert isinstance(done, Done) and done.reason.startswith(reason)
     assert (behaviour.remaining(STATE), behaviour.path(STATE)) == (None, ())

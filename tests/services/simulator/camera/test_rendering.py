@@ -105,14 +105,14 @@ GREEN, BLUE = (0.1, 0.8, 0.2), (0.1, 0.2, 0.9)
 
 @pytest.mark.parametrize("kind", ["egl", "tiny"])
 def test_obstacles_are_in_the_picture_where_they_stand(kind: str) -> None:
-    """From 6 m above the rover: a green box 2 m north of it, a blue pole 1.5 m east of it."""
+    """The camera looks down from 6 m. A green box stands 2 m north of the rover, a blue pole 1.5 m east of it."""
     north_m, east_m, _ = ROVER_NED_M
     terrain = TerrainConfig(
         std_ground_m=0.0,
         craters=0,
         rocks=0,
         boxes=(BoxConfig(north_m=north_m + 2.0, east_m=east_m, size_m=(0.6, 0.6, 0.5), colour=GREEN),),
-        poles=(PoleConfig(north_m=north_m, east_m=east_m + 1.5, tall_m=0.5, radius_m=0.2, colour=BLUE),),
+        poles=(PoleConfig(north_m=north_m, east_m=east_m + 1.5, length_m=0.5, radius_m=0.2, colour=BLUE),),
     )
     try:
         by = make_renderer(msgspec.structs.replace(CONFIG, renderer=kind), terrain, VEHICLE, seed=1)
