@@ -229,7 +229,8 @@ class ParametersReply(Payload, frozen=True, kw_only=True):
         reason: reason of a refusal, for people.
         version: version of the parameters, which grows by one with each change.
         parameters: all parameters after the request. None for a refused request.
-        lease: lease of the goal that selects the inputs now, with the position that it began with. None for none.
+        lease: lease of the goal that selects the inputs now, with the position with which the lease began. None
+            while no goal selects inputs.
     """
 
     accepted: bool

@@ -188,7 +188,7 @@ class Vehicle:
         return control.estimator_parameters(self._connection)
 
     def estimator_lease(self) -> Lease | None:
-        """The inputs of the estimator that a goal has selected for itself; None while none has."""
+        """The inputs of the estimator that a goal has selected for itself; None while no goal has."""
         return control.estimator_lease(self._connection)
 
     def set_estimator_parameters(self, /, **fields: Any) -> SetParameters:

@@ -99,7 +99,8 @@ class Context:
         parameters_version: newest version of the estimator's parameters; None before its first estimate.
         lease: the newest lease that was published; None before the first one, and after a release.
         lease_ns: vehicle time of the estimate that it was made from.
-        prior_of: gives the rover's prior position in world NED of a goal's lease, None for none; asks the estimator.
+        prior_of: asks the estimator for the rover's position, in world NED, with which the lease of a goal began; None
+            for a lease without a position.
         trail_ned_m: where the vehicle has been, oldest first.
     """
 

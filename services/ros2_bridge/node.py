@@ -166,7 +166,7 @@ class Bridge:
             self._publish_plan(message)
 
     def _prior_of(self, goal_id: str) -> Vec3 | None:
-        """The rover's prior position that a goal's lease began with; estimates don't have it."""
+        """The rover's position with which a goal's lease began. Estimates don't contain it."""
         try:
             lease = self._uav.estimator_lease()
         except JezeroError:

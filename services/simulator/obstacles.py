@@ -271,7 +271,7 @@ def hidden(triangles_ned_m: Array, eye_ned_m: Array, points_ned_m: Array) -> npt
 
 
 def _crossings(triangles_ned_m: Array, start_ned_m: Array, ends_ned_m: Array) -> npt.NDArray[np.bool_]:
-    """(m, n) which triangle each of the straight ways from the start to the (m, 3) ends crosses.
+    """Which of n triangles the straight way from the start to each of m ends crosses: (m, n) truth values.
 
     Source: T. Moeller, B. Trumbore, "Fast, minimum storage ray/triangle intersection", 1997.
     """

@@ -17,7 +17,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 LISTEN_MAX_S = 90.0
 LATCHED = ("path", "fence")
-"""Parts of the names of topics of which the last message waits for whoever comes late."""
+"""Parts of the names of latched topics: a subscriber that comes late gets their last message."""
 
 
 def plain(value: Any) -> Any:
