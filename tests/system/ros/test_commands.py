@@ -266,6 +266,7 @@ def test_cmd_vel_flies_the_vehicle_along_the_axes_of_rep_103(
         pilot.do("release")
         pilot.wait("released")
         wait_for(lambda: uav.status().code == StatusCode.HOVER, "the goal goes on without commands")
+        time.sleep(2.0 * SILENCE_S)  # the next stream is another one
 
     def is_north_west() -> bool:
         north_m, east_m, _ = uav.odometry().pos_uav_ned_m
@@ -289,7 +290,6 @@ def test_cmd_vel_flies_the_vehicle_along_the_axes_of_rep_103(
     assert uav.status().goal_id == goal.goal_id
     uav.hover()
     release()
-    time.sleep(2.0 * SILENCE_S)  # the next stream is another one
     actor.clear()
     stream(forward_mps=0.3)
     wait_for(lambda: uav.status().action == "fly_velocity", "no cmd_vel arrived")
