@@ -20,7 +20,7 @@ from jezero.schemas.goals import TakeoffGoal
 from jezero.services.estimator.config import EstimatorConfig
 from jezero.services.estimator.service import Estimator
 from jezero.trials.stack import build_stack
-from tests.replay.rig import SEED, STANDING_S
+from tests.scenario.replay_rig import SEED, STANDING_S
 from tests.scenario.test_own_estimator import program
 
 pytestmark = pytest.mark.xdist_group("own class")
@@ -28,6 +28,7 @@ pytestmark = pytest.mark.xdist_group("own class")
 
 MODULE = "my_estimator"
 MINE = f"{MODULE}:MyEstimator"
+TUNABLE = f"{__name__}:Mine"
 MORE = """
 
 from jezero.runtime.service import Publish
@@ -149,7 +150,7 @@ def test_with_its_class_it_is_replayed_bit_by_bit(flight: Path) -> None:
 
 
 def test_a_class_with_recorded_settings_is_replayed_with_others(tunable: Path) -> None:
-    own = ("--class", "tests.replay.test_own_class:Mine")
+    own = ("--class", TUNABLE)
     assert json.loads(replay(tunable, *own, "--json").stdout)["identical"]
     assert not json.loads(replay(tunable, *own, "--json", "--set", "std_uwb_m=0.05").stdout)["identical"]
     assert "did you mean 'std_uwb_m'?" in replay(tunable, *own, "--set", "std_uwb=0.05").stderr
@@ -226,7 +227,7 @@ def test_tune_leaves_out_a_flight_of_another_estimator_and_goes_on_with_the_othe
 
 @pytest.mark.long
 def test_tune_takes_an_estimator_of_ones_own_that_shows_its_innovations(tunable: Path) -> None:
-    done = jezero("tune", tunable, "--class", "tests.replay.test_own_class:Mine")
+    done = jezero("tune", tunable, "--class", TUNABLE)
     assert done.exit_code == 0, done.output
     assert "UWB ranges" in done.stdout and "std_uwb_m" in done.stdout
-    assert "--class tests.replay.test_own_class:Mine" in done.stdout or "no settings are recommended" in done.stdout
+    assert f"--class {TUNABLE}" in done.stdout or "no settings are recommended" in done.stdout
