@@ -204,10 +204,10 @@ def point_inside(fence: Fence, pos_ned_m: Vec3, inside_m: float) -> Vec3:
         at = nearest(fence, point)
         if at is None or at.inside_m >= inside_m - 1e-3:
             break
-        away_m = abs(at.inside_m)
-        if away_m < 1e-6:
-            away_m, point = 1e-3, (point[0] + 1e-3, point[1] + 7e-4, point[2])
-        step = (inside_m - at.inside_m) / away_m * (1.0 if at.inside_m >= 0.0 else -1.0)
+        if abs(at.inside_m) < 1e-6:  # on an outline: a point beside it tells which direction leads away from it
+            point = (point[0] + 1e-3, point[1] + 7e-4, point[2])
+            continue
+        step = (inside_m - at.inside_m) / at.inside_m
         north_m, east_m = point[0] - at.nearest_m[0], point[1] - at.nearest_m[1]
         point = (point[0] + step * north_m, point[1] + step * east_m, point[2])
     return point

@@ -101,6 +101,8 @@ def test_zones_in_degrees_are_placed_around_the_origin() -> None:
         ((7.5, 0.0, -3.0), (9.0, 0.0, -3.0)),
         ((0.0, 0.0, -21.0), (0.0, 0.0, -19.0)),
         ((0.0, 0.0, -3.0), (0.0, 0.0, -3.0)),
+        ((0.0, 10.0, -15.0), (0.0, 9.0, -15.0)),  # on the edge, from which no direction leads away
+        ((-5.0, -10.0, -15.0), (-5.0, -9.0, -15.0)),
     ],
 )
 def test_the_way_back_ends_a_metre_inside(outside: Vec3, expected: Vec3) -> None:

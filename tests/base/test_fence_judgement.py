@@ -102,6 +102,15 @@ def test_vehicle_rover_and_the_way_between_them_are_looked_for() -> None:
     assert way.startswith("from the vehicle to the rover the way leaves the fence")
 
 
+def test_areas_on_both_sides_of_the_date_line_are_one() -> None:
+    west = Zone(name="west", corners_deg=((0.0, 179.9), (0.0, -179.95), (0.1, -179.95), (0.1, 179.9)))
+    east = Zone(name="east", corners_deg=((0.0, -179.97), (0.0, -179.8), (0.1, -179.8), (0.1, -179.97)))
+    for zones in ([west, east], [east, west]):
+        corners_deg = joined(zones).corners_deg
+        assert {round(longitude_deg, 9) for _, longitude_deg in corners_deg} >= {179.9, -179.8}
+        assert all(abs(longitude_deg) > 179.0 for _, longitude_deg in corners_deg)
+
+
 @pytest.mark.parametrize("make", [metres, degrees])
 def test_several_areas_that_touch_are_one(make: Callable[..., Zone]) -> None:
     west, east = make(square(10.0, 0.0, -4.0), "west"), make(square(10.0, 0.0, 4.0), "east")

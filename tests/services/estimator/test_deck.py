@@ -50,6 +50,15 @@ def test_a_height_that_jumps_is_not_that_of_a_deck() -> None:
         assert not deck.moves
 
 
+@pytest.mark.parametrize(("period_ms", "count", "moves"), [(40, 15, False), (400, 5, False), (40, 45, True)])
+def test_few_heights_and_those_of_a_moment_say_nothing(period_ms: int, count: int, moves: bool) -> None:
+    """Each time it climbs by half a metre per second."""
+    deck = DeckMonitor()
+    for step in range(count):
+        deck.add_height(step * period_ms * MS, -0.5e-3 * step * period_ms, 0.02)
+    assert deck.moves is moves
+
+
 def test_it_counts_as_still_again_some_time_after_the_last_sign() -> None:
     deck = watched(3.0, tilt_rad=0.03)
     for ms in range(3000, 3000 + STILL_AFTER_NS // MS, 40):

@@ -145,3 +145,20 @@ def test_statistics_count_the_measurements_of_one_kind_since_a_time() -> None:
     assert history.used_ns == {"tag": 90 * MS, "uwb": 95 * MS} and history.rejected == {"tag": True, "uwb": False}
     since_20_ms = history.statistics("tag", 20 * MS)
     assert since_20_ms is not None and (since_20_ms.measurements, since_20_ms.used) == (9, 21)
+
+
+def test_uwb_and_tag_that_move_the_filter_to_and_fro_contradict_each_other_for_three_seconds() -> None:
+    """Each alone for some time, so that neither can be judged by the other."""
+    rel_m, elsewhere_m = POS_UAV_M - POS_ROVER_M, POS_UAV_M - POS_ROVER_M + np.array((0.0, 20.0, 0.0))
+    located, conflicts_ms = RelativeFilter(Tuning(), ValidityConfig(), PlatformConfig()), list[int]()
+    for ms in range(0, 12_000, 50):
+        measured: list[Measurement] = []
+        if ms < 2000 or ms >= 5500:
+            measured.append(tag(ms * MS, rel_m))
+        elif 3200 <= ms < 4400:
+            measured.append(uwb(ms * MS, elsewhere_m))
+        located.add([*hovering(0.05, start_ms=ms), *measured])
+        if located.has_input_conflict:
+            conflicts_ms.append(ms)
+    assert 6000 < conflicts_ms[0] < 6500 and 6800 < conflicts_ms[-1] < 7300
+    assert conflicts_ms == list(range(conflicts_ms[0], conflicts_ms[-1] + 50, 50))

@@ -64,6 +64,13 @@ def test_every_sensor_is_observed(observed: dict[tuple[Sensor, int], Innovation]
     }  # fmt: skip
 
 
+def test_position_and_velocity_of_the_autopilot_are_observed_apart(
+    observed: dict[tuple[Sensor, int], Innovation],
+) -> None:
+    sizes = {sensor: len(each.residual) for (sensor, _), each in observed.items()}
+    assert (sizes["autopilot_position"], sizes["autopilot_velocity"]) == (3, 3)
+
+
 def test_the_predicted_covariance_is_that_of_the_state_and_of_the_noise(
     observed: dict[tuple[Sensor, int], Innovation],
 ) -> None:

@@ -5,7 +5,7 @@ import pytest
 
 from jezero.base.arrays import Array
 from jezero.services.estimator.innovations import Innovation
-from jezero.services.estimator.kalman import FilterState
+from jezero.services.estimator.kalman import FilterState, UpdateResult
 from jezero.services.estimator.measurements import (
     AltimeterMeasurement,
     Measurement,
@@ -15,7 +15,7 @@ from jezero.services.estimator.measurements import (
     UwbMeasurement,
 )
 from jezero.services.estimator.motion import ATTITUDE_ERROR, SIZE, TAG_SCALE, UWB_BIAS, YAW
-from tests.services.estimator.test_filter import ANCHORS_M, POS_ROVER_M, kalman_at
+from tests.services.estimator.test_filter import ANCHORS_M, GATE, POS_ROVER_M, kalman_at
 
 NO_GATE = (1e12, 1e12)
 
@@ -141,3 +141,11 @@ def test_a_time_that_is_not_known_exactly_makes_a_measurement_as_uncertain_as_th
     late = TagMeasurement(0, arm_m, arm_m, 1e-4 * np.eye(3), 0.4, None, 0.02, 1.0, 0.05, swing_mps)
     grown = innovations_at(x, late)[0].cov_noise - innovations_at(x, tag)[0].cov_noise
     assert grown == pytest.approx(np.diag((0.05**2, 0.0, 0.1**2)), abs=1e-9)
+
+
+@pytest.mark.parametrize(("off_m", "used"), [(0.0, 1), (1.0, 0)])
+def test_a_range_that_does_not_fit_is_one_that_was_offered_and_not_used(off_m: float, used: int) -> None:
+    kalman = kalman_at(POS_ROVER_M + np.array((0.0, 0.0, -4.0)), 0.05)
+    below_m = 4.0 - float(LEVER_M[2])
+    found = AltimeterMeasurement(0, below_m + off_m, LEVER_M, BEAM_NED, 0.5, 0.03).fuse(kalman, GATE)
+    assert found == UpdateResult(used, offered=1)

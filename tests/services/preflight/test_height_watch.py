@@ -131,3 +131,15 @@ def test_a_vehicle_that_was_first_heard_in_the_air_is_not_judged() -> None:
     for tenth in range(30):
         watch.update(at(0.1 * tenth, 3.0), [Altimeter(t_ns=0, range_m=0.2)], [])
     assert (watch.problem, watch.listens) == ("", False)
+
+
+@pytest.mark.parametrize(("later_s", "judged"), [(50.0, True), (70.0, False)])
+def test_heights_are_compared_within_the_first_minute_of_a_flight_however_late_it_begins(
+    later_s: float, judged: bool
+) -> None:
+    watch, begin_s = HeightWatch(VehicleConfig()), 3600.0
+    watch.update(at(begin_s, 0.0), [Altimeter(t_ns=0)], [])
+    watch.update(at(begin_s + 0.1, 1.0), [Altimeter(t_ns=0, range_m=1.0)], [])
+    for tenth in range(20):
+        watch.update(at(begin_s + later_s + 0.1 * tenth, 3.0), [Altimeter(t_ns=0, range_m=0.2)], [])
+    assert bool(watch.problem) is judged

@@ -1,6 +1,7 @@
 """The rounds of the preflight service, on the in-memory bus with a vehicle that stands still."""
 
 from collections.abc import Iterable
+from random import Random
 from typing import Any
 
 import msgspec
@@ -9,14 +10,15 @@ import pytest
 from jezero.base.codec import decode
 from jezero.base.vehicle_config import BatteryConfig
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
-from jezero.runtime.service import Inbox, Output, Publish, Spec
+from jezero.runtime.service import Inbox, Output, Publish, Reply, Spec
+from jezero.schemas.estimate import ParametersReply
 from jezero.schemas.preflight import GetPreflight, PreflightReply, PreflightReport
-from jezero.schemas.sensors import Altimeter
+from jezero.schemas.sensors import Altimeter, Barometer
 from jezero.schemas.state import Battery, Clock, StatusCode
-from jezero.schemas.topics import ALTIMETER, CHECK_PREFLIGHT, CLOCK, MAG, STATUS
+from jezero.schemas.topics import ALTIMETER, BARO, CHECK_PREFLIGHT, CLOCK, GET_PARAMETERS, MAG, STATUS
 from jezero.services.preflight.checks import LANDING_CHAIN
 from jezero.services.preflight.service import Preflight
-from tests.services.preflight.healthy import mag, status
+from tests.services.preflight.healthy import PARAMETERS, mag, status
 
 
 class StandingVehicle:
@@ -26,16 +28,20 @@ class StandingVehicle:
         status: fields of the status that differ from a healthy one.
         silent: the magnetometer sends nothing.
         epoch_id: id of the epoch.
-        range_m: what the altimeter measures; None for nothing, so that it is silent.
+        range_m: what the altimeter measures, and it scatters by `std_range_m`; None for nothing, so that it is silent.
+        altitude_m: what the barometer measures; None for nothing, so that it is silent.
     """
 
-    spec = Spec(name="vehicle_bridge", outputs=(CLOCK, STATUS, MAG, ALTIMETER), rate_hz=10.0)
+    spec = Spec(name="vehicle_bridge", outputs=(CLOCK, STATUS, MAG, ALTIMETER, BARO), rate_hz=10.0)
 
     def __init__(self) -> None:
         self.status: dict[str, Any] = {}
         self.silent = False
         self.epoch_id = 1
         self.range_m: float | None = None
+        self.std_range_m = 0.0
+        self.altitude_m: float | None = None
+        self._rng = Random(1)
         self._readings = mag()
         self._count = 0
 
@@ -47,7 +53,12 @@ class StandingVehicle:
             reading = self._readings[self._count % len(self._readings)]
             yield Publish(MAG, msgspec.structs.replace(reading, t_ns=t_ns))
         if self.range_m is not None:
-            yield Publish(ALTIMETER, Altimeter(t_ns=t_ns, range_m=self.range_m))
+            range_m = self.range_m + self._rng.gauss(0.0, self.std_range_m)
+            yield Publish(ALTIMETER, Altimeter(t_ns=t_ns, range_m=range_m))
+        if self.altitude_m is not None:
+            altitude_m = self.altitude_m
+            pressure = Barometer(t_ns=t_ns, pressure_pa=9e4, altitude_pressure_m=altitude_m, temperature_degc=15.0)
+            yield Publish(BARO, pressure)
 
 
 class Idle:
@@ -60,6 +71,16 @@ class Idle:
         return ()
 
 
+class IdleEstimator:
+    """A service that only tells its parameters."""
+
+    spec = Spec(name="estimator", serves=(GET_PARAMETERS,), triggers=(GET_PARAMETERS.name,), rate_hz=1.0)
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+        for request in inbox.requests(GET_PARAMETERS):
+            yield Reply(request.request_id, ParametersReply(accepted=True, reason="", version=0, parameters=PARAMETERS))
+
+
 class Bench:
     """A bus with the vehicle, the services of a landing and the preflight service, and every report so far."""
 
@@ -70,7 +91,7 @@ class Bench:
         self.bus.observe(self._observe)
         self.bus.add(self.vehicle)
         for name in LANDING_CHAIN:
-            self.bus.add(Idle(name))
+            self.bus.add(IdleEstimator() if name == "estimator" else Idle(name))
         self.bus.add(Preflight(actions=("land_on_spot",)))
 
     def _observe(self, t_ns: int, topic: str, data: bytes) -> None:
@@ -160,6 +181,33 @@ def test_an_altimeter_that_measures_a_wrong_height_at_the_takeoff_is_a_failed_ch
     report = bench.wait_report(8.0)
     assert failed(report) == ["sensors"]
     assert "by the altimeter 0.2 m" in report.failed()[0].text
+
+
+def test_a_barometer_that_measures_no_climb_at_the_takeoff_is_a_failed_check_in_flight() -> None:
+    bench = Bench()
+    bench.vehicle.range_m, bench.vehicle.altitude_m = 0.2, 488.0
+    bench.wait_report(8.0)
+    odometry = status().odometry
+    assert odometry is not None
+    bench.vehicle.status = {"code": int(StatusCode.TAKEOFF), "armed": True}
+    bench.bus.run_for(1.0)
+    climbed = msgspec.structs.replace(odometry, pos_uav_ned_m=(0.0, 0.0, -3.0))
+    bench.vehicle.range_m = 3.0
+    bench.vehicle.status |= {"landed": False, "odometry": climbed}
+    report = bench.wait_report(8.0)
+    assert failed(report) == ["sensors"]
+    assert "by the barometer 0.0 m, by the altimeter 3.0 m: the barometer is wrong" in report.failed()[0].text
+
+
+@pytest.mark.parametrize(("std_m", "verdict"), [(0.03, "passed"), (0.3, "failed")])
+def test_readings_that_scatter_more_than_the_estimators_parameters_say_are_a_failed_check(
+    std_m: float, verdict: str
+) -> None:
+    bench = Bench()
+    bench.vehicle.range_m, bench.vehicle.std_range_m = 0.4, std_m
+    bench.wait_report(8.0)
+    noise = next(check for check in bench.request().checks if check.name == "noise")
+    assert (noise.verdict, "altimeter 0." in noise.text) == (verdict, True)
 
 
 def test_a_sensor_that_is_silent_for_two_seconds_passes_and_for_longer_fails_until_it_sends_again() -> None:

@@ -30,6 +30,28 @@ def test_in_hover_everything_but_a_takeoff_is_accepted(action: str, granted: boo
     assert granted or "the vehicle hovers" in reply.reason
 
 
+@pytest.mark.parametrize("vel_mps", [(0.0, 0.0), (0.2, -0.2), (0.4, 0.0), (0.0, -0.4)])
+def test_nothing_takes_off_from_ground_that_moves(vel_mps: tuple[float, float]) -> None:
+    rig = Rig().ready()
+    rig.autopilot.vel[:2] = vel_mps
+    rig.run(0.2)
+    moves = max(map(abs, vel_mps)) > 0.3
+    assert rig.status.ready is not moves
+    assert rig.acquire().granted is not moves
+    if moves:
+        expected = "the ground under the vehicle moves at 0.40 m/s: stop the rover, 0.3 m/s is the limit"
+        assert rig.status.not_ready_reason == expected
+
+
+def test_the_status_says_who_has_got_control_but_not_of_a_goal_that_only_asks() -> None:
+    rig = Rig().fly()
+    asked = rig.request(ACQUIRE, Acquire(goal_id="later", action="go_to", check_only=True))
+    assert asked.reason == "" and "in charge" not in rig.status.text
+    assert rig.acquire("go_to").granted
+    rig.step()
+    assert rig.status.text == "the goal go to is in charge"
+
+
 def test_a_second_goal_is_refused_with_who_is_in_charge_and_the_status() -> None:
     rig = Rig().fly()
     rig.go("go_to", Phase.GO_TO)

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from jezero.base.mavlink import dialect
+from jezero.base.mavlink import MavlinkCodec, dialect
 from jezero.services.vehicle_bridge.controller_parameters import ParameterExchange
 from tests.services.vehicle_bridge.rig import FakeAutopilot
 
@@ -70,3 +70,13 @@ def test_ardupilots_parameters_are_left_alone() -> None:
     exchange.step(autopilot.codec.pack(dialect.MAVLink_heartbeat_message(2, 3, 0, 0, 3, 3)), 0)
     assert exchange.done and exchange.refusal.startswith("the flight controller runs ArduPilot")
     assert autopilot.set_parameters == []
+
+
+def test_the_controller_hears_a_heartbeat_twice_a_second_from_the_start_on() -> None:
+    """PX4 answers on its USB socket only whom it hears."""
+    exchange, codec, times_ms = ParameterExchange(), MavlinkCodec(1, 1), []
+    exchange.read(["COM_OBL_RC_ACT"])
+    for now_ms in range(0, 1500, 10):
+        sent = codec.parse(exchange.step(b"", now_ms * MS))
+        times_ms += [now_ms for message in sent if message.get_msgId() == dialect.MAVLINK_MSG_ID_HEARTBEAT]
+    assert times_ms == [0, 500, 1000]

@@ -17,14 +17,12 @@ NO_COVARIANCE = [nan] * 21
 
 
 def odometry(t_us: int = 1_000_000, *, child_frame: int = 1, yaw_rad: float = 0.0, **fields: Any) -> MavMessage:
-    given: dict[str, Any] = {"x": 1.0, "y": 2.0, "z": -3.0, "vx": 1.0, "vy": 0.0, "vz": 0.0, "frame_id": 1} | fields
+    given: dict[str, Any] = {"x": 1.0, "y": 2.0, "z": -3.0, "vx": 1.0, "vy": 0.0, "vz": 0.0, "frame_id": 1}
+    given |= {"rollspeed": 0.1, "pitchspeed": 0.2, "yawspeed": 0.3, **fields}
     return dialect.MAVLink_odometry_message(
         time_usec=t_us,
         child_frame_id=child_frame,
         q=list(quat_from_euler(0.0, 0.0, yaw_rad)),
-        rollspeed=0.1,
-        pitchspeed=0.2,
-        yawspeed=0.3,
         pose_covariance=[0.04, 0, 0, 0, 0, 0, 0.09, *[0.0] * 14],
         velocity_covariance=NO_COVARIANCE,
         reset_counter=0,
@@ -83,6 +81,7 @@ def test_velocity_in_the_body_frame_is_turned_into_ned() -> None:
         {"vz": float("inf")},
         *({axis: 2e6} for axis in "xyz"),
         *({f"v{axis}": 2e3} for axis in "xyz"),
+        *({f"{turn}speed": 2e3} for turn in ("roll", "pitch", "yaw")),
         {"frame_id": 12},
     ],
 )

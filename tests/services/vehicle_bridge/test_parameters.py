@@ -9,7 +9,7 @@ from jezero.base.config import load_config
 from jezero.base.mavlink import dialect
 from jezero.runtime.service import Health
 from jezero.schemas.state import Battery
-from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
+from jezero.services.vehicle_bridge.config import ParameterValue, VehicleBridgeConfig
 from jezero.services.vehicle_bridge.parameters import INT32, REAL32, TRIES, ParameterSetter, decoded, encoded
 from tests.services.vehicle_bridge.rig import MODES, Rig
 
@@ -34,6 +34,14 @@ def test_integers_travel_as_their_bytes_and_floats_as_floats() -> None:
     for value in (0, 1, -1, 21196, -4_194_304, 2_139_095_040):
         assert decoded(struct.unpack("<f", struct.pack("<f", encoded(value)[0]))[0], INT32) == value
     assert (INT32, REAL32) == (dialect.MAV_PARAM_TYPE_INT32, dialect.MAV_PARAM_TYPE_REAL32)
+
+
+@pytest.mark.parametrize("value", [-4_194_305, 2_139_095_041])
+def test_an_integer_whose_bytes_are_no_number_of_a_float_is_refused(value: int) -> None:
+    """Such floats are not a number, whose bytes don't survive each way: PX4 has no such parameter."""
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.convert(value, ParameterValue)
+    msgspec.convert(value - 1 if value > 0 else value + 1, ParameterValue)
 
 
 def test_all_are_set_and_confirmed_before_the_vehicle_is_ready() -> None:

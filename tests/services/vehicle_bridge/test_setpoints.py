@@ -4,6 +4,7 @@ from typing import Any
 
 import pytest
 
+from jezero.runtime.service import Health
 from jezero.schemas.commands import Phase, Setpoint
 from jezero.schemas.topics import SETPOINT
 from tests.services.vehicle_bridge.rig import MODES, Rig
@@ -70,6 +71,8 @@ def test_foreign_repeated_out_of_order_and_empty_setpoints_are_dropped() -> None
     rig.run(0.1)
     assert all(s.x == 0.0 for s in rig.autopilot.setpoints)
     assert rig.status.code == 4
+    health = [output.text for output in rig.outputs if isinstance(output, Health)][-1]
+    assert f"; {len(bad)} setpoints dropped, the last: " in health
 
 
 def test_go_to_without_its_takeoff_phase_is_dropped_on_the_ground() -> None:

@@ -79,6 +79,7 @@ def test_by_a_poor_estimate_it_comes_nearer_at_its_height_until_that_is_good_eno
     poor = [offset_m for _, offset_m, _ in landing.moves if landing.std_at(offset_m) > 0.5]
     assert len(poor) > 50
     assert all(altitude_m(offset_m[2]) == pytest.approx(5.5, abs=0.1) for offset_m in poor)
+    assert landing.phases == ["approach", "descent", "contact"], "neither a hold nor a search"
 
 
 def test_with_the_tag_alone_a_wrong_rough_position_is_corrected_once_the_tag_is_seen() -> None:

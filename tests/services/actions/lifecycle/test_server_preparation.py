@@ -9,16 +9,17 @@ import pytest
 
 from jezero.runtime import memory_bus
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
-from jezero.runtime.service import Inbox, Output, Reply
+from jezero.runtime.service import Inbox, Output, Publish, Reply
 from jezero.schemas import topics
-from jezero.schemas.actions import Accepted, Cancel, CancelReply, Rejected
-from jezero.schemas.goals import GoToGoal
+from jezero.schemas.actions import Accepted, Cancel, CancelReply, FeedbackMessage, Rejected
+from jezero.schemas.goals import GoToGoal, MoveFeedback
 from jezero.schemas.state import Status
-from jezero.services.actions.lifecycle.server import NO_REPLY, ActionServer
-from jezero.services.actions.motion.behaviour import Plan, Preparation, Prepared, Refusal
+from jezero.services.actions.lifecycle.server import NO_REPLY, ActionServer, PreparationRun
+from jezero.services.actions.motion.behaviour import Plan, Preparation, Prepared, Refusal, VehicleState
 from jezero.services.actions.table import PLANNERS
 from tests.services.actions.fake_bridge import FakeBridge
 from tests.services.actions.rig import CONFIG
+from tests.services.preflight import healthy
 
 SLOWER = partial(str, "slower than wanted")
 GOAL = GoToGoal(target_ned_m=(5.0, 0.0, -3.0), goal_id="near")
@@ -142,3 +143,17 @@ def test_no_work_is_begun_while_the_bridge_has_not_replied(endless: World) -> No
     endless.bridge.step = without_replies  # type: ignore[method-assign]
     rejected = endless.first(endless.send(), within_s=2.0)
     assert isinstance(rejected, Rejected) and rejected.reason.startswith(NO_REPLY)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_feedback_of_a_preparation_has_the_code_of_the_status_and_minus_one_without_a_status(known: bool) -> None:
+    pos_ned_m, still = (0.0, 0.0, -3.0), (0.0, 0.0, 0.0)
+    state = VehicleState(pos_ned_m, still, (1.0, 0.0, 0.0, 0.0), armed=True, landed=False)
+    feedback = MoveFeedback(pos_uav_ned_m=pos_ned_m, frame="world", distance_m=1.0)
+    run = PreparationRun(
+        0, topics.GO_TO, "near", Preparation(lambda state: SLOWER, Refusal, lambda state: feedback), state
+    )
+    (output,) = run.feedback(0, state, healthy.status(code=4) if known else None)
+    assert isinstance(output, Publish) and isinstance(output.message, FeedbackMessage)
+    assert output.message.code == (4 if known else -1)
+    assert not list(run.feedback(99_999_999, state, None)), "ten times a second"

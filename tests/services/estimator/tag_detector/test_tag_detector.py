@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from jezero.base.arrays import Array
+from jezero.base.codec import decode
 from jezero.base.frames import (
     Quat,
     Vec3,
@@ -268,7 +269,10 @@ class Feeder:
     """Publishes what it is given at its times."""
 
     spec = Spec(
-        name="feeder", outputs=(topics.ODOMETRY, topics.CAMERA_INFO, topics.TAG_CORNERS), triggers=(), rate_hz=100.0
+        name="feeder",
+        outputs=(topics.ODOMETRY, topics.CAMERA_INFO, topics.TAG_CORNERS, topics.CAMERA),
+        triggers=(),
+        rate_hz=100.0,
     )
 
     def __init__(self, messages: Sequence[tuple[float, Topic[Any], Message]]) -> None:
@@ -280,32 +284,59 @@ class Feeder:
         return [Publish(topic, message) for _, topic, message in due]
 
 
-def test_the_estimate_is_that_of_the_exposure_with_the_attitude_of_that_time() -> None:
-    then, later = quat_from_euler(0.1, 0.0, 0.2), quat_from_euler(-0.2, 0.0, 0.2)
-    pos_ned_m = (0.2, -0.1, -3.0)
-    corners = TagCorners(t_ns=NS_PER_S, pitch_camera_rad=DOWN_RAD, tags=tuple(seen([BIG_ID, 1], pos_ned_m, then, 0.3)))
-    bus = MemoryBus(delay=NO_DELAY)
-    estimates: list[TagEstimate] = []
+def estimates_from(*messages: tuple[float, Topic[Any], Message]) -> list[TagEstimate]:
+    """What a detector publishes for messages at their times in s."""
+    bus, estimates = MemoryBus(delay=NO_DELAY), list[TagEstimate]()
 
     def observe(t_ns: int, topic: str, data: bytes) -> None:
         if topic == topics.ESTIMATE_TAG.name:
-            from jezero.base.codec import decode
-
             estimates.append(decode(TagEstimate, data))
 
     bus.observe(observe)
     bus.add(TagDetector(CONFIG, VehicleConfig()))
-    bus.add(
-        Feeder(
-            [
-                (0.5, topics.CAMERA_INFO, INFO),
-                (1.0, topics.ODOMETRY, odometry(1.0, then)),
-                (1.1, topics.ODOMETRY, odometry(1.1, later)),
-                (1.1, topics.TAG_CORNERS, corners),
-            ]
-        )
-    )
+    bus.add(Feeder(messages))
     bus.run_for(2.0)
+    return estimates
+
+
+def test_of_pictures_that_arrive_together_the_newest_is_used(board: Grey) -> None:
+    level, places_ned_m = (1.0, 0.0, 0.0, 0.0), ((0.1, 0.0, -2.0), (-0.1, 0.0, -2.0), (0.0, 0.1, -2.0))
+    pictures = [
+        photograph(board, PIXELS_PER_M, pos_ned_m, level, 0.0, t_ns=NS_PER_S + 10_000_000 * i)
+        for i, pos_ned_m in enumerate(places_ned_m)
+    ]
+    (found,) = estimates_from(
+        (0.5, topics.CAMERA_INFO, INFO),
+        (1.0, topics.ODOMETRY, odometry(1.0, level)),
+        (1.03, topics.ODOMETRY, odometry(1.03, level)),
+        *((1.05, topics.CAMERA, picture) for picture in pictures),
+    )
+    assert found.t_ns == pictures[-1].t_ns
+    assert found.pos_uav_rel_rover_ned_m == pytest.approx(places_ned_m[-1], abs=0.02)
+    assert 1 <= len(found.tag_ids) <= 8
+
+
+def test_an_estimate_by_the_whole_board_names_eight_of_its_tags() -> None:
+    level, pos_ned_m = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, -2.0)
+    tags = tuple(seen(sorted(CORNERS_M), pos_ned_m, level, 0.3))
+    (found,) = estimates_from(
+        (0.5, topics.CAMERA_INFO, INFO),
+        (1.0, topics.ODOMETRY, odometry(1.0, level)),
+        (1.0, topics.TAG_CORNERS, TagCorners(t_ns=NS_PER_S, pitch_camera_rad=DOWN_RAD, tags=tags)),
+    )
+    assert len(tags) == 26 and len(found.tag_ids) == 8
+
+
+def test_the_estimate_is_that_of_the_exposure_with_the_attitude_of_that_time() -> None:
+    then, later = quat_from_euler(0.1, 0.0, 0.2), quat_from_euler(-0.2, 0.0, 0.2)
+    pos_ned_m = (0.2, -0.1, -3.0)
+    corners = TagCorners(t_ns=NS_PER_S, pitch_camera_rad=DOWN_RAD, tags=tuple(seen([BIG_ID, 1], pos_ned_m, then, 0.3)))
+    estimates = estimates_from(
+        (0.5, topics.CAMERA_INFO, INFO),
+        (1.0, topics.ODOMETRY, odometry(1.0, then)),
+        (1.1, topics.ODOMETRY, odometry(1.1, later)),
+        (1.1, topics.TAG_CORNERS, corners),
+    )
     assert [message.t_ns for message in estimates] == [NS_PER_S]
     assert estimates[0].pos_uav_rel_rover_ned_m == pytest.approx(pos_ned_m, abs=1e-5)
     assert estimates[0].yaw_rover_rad == pytest.approx(0.3, abs=1e-5)
