@@ -1,4 +1,4 @@
-"""Speed of the fault campaign in the point-mass world, and the processor time of its parts.
+"""Speed of the fault campaign with the point mass, and the processor time of its parts.
 
 `python -m benchmarks.speed.point_mass [--seeds N]` flies the first N missions on one core, first plainly for the
 factor, then with stopwatches for the parts (with judging, encoding and delivery of a step's outputs).
@@ -18,9 +18,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=20)
     seeds = range(parser.parse_args().seeds)
-    fly_mission(0, world="point-mass")  # fill caches, import modules
+    fly_mission(0, model="point-mass")  # fill caches, import modules
     wall_s, core_s = time.perf_counter(), time.process_time()
-    sim_time_s = sum(fly_mission(seed, world="point-mass").sim_time_s for seed in seeds)
+    sim_time_s = sum(fly_mission(seed, model="point-mass").sim_time_s for seed in seeds)
     wall_s, core_s = time.perf_counter() - wall_s, time.process_time() - core_s
     watch = Stopwatch()
     watch.wrap(Node, "step", lambda node: str(node.spec.name))
@@ -28,7 +28,7 @@ def main() -> None:
     watch.wrap(MavlinkCodec, "pack", lambda _codec: "of which MAVLink packing")
     watch.wrap(MavlinkCodec, "pack_numbers", lambda _codec: "of which MAVLink packing")
     for seed in seeds:
-        fly_mission(seed, world="point-mass")
+        fly_mission(seed, model="point-mass")
     print(f"{len(seeds)} missions, {sim_time_s:.0f} s flown at {sim_time_s / wall_s:.0f}x real time")
     print(f"{sim_time_s / core_s:.0f}x per second of processor time")
     print(f"{'part':<30}{'steps per s':>12}{'ms per s':>10}")

@@ -61,7 +61,7 @@ def _two(value: str, what: str, example: str) -> tuple[int, int]:
 @click.option("--commit", metavar="REV", help="Seeds of a commit, e.g. HEAD; needs --minutes.")
 @click.option("--minutes", type=click.FloatRange(min=0.0), help="Start no mission after this time.")
 @click.option(
-    "--world",
+    "--model",
     type=click.Choice(("physics", "point-mass")),
     default="physics",
     show_default=True,
@@ -77,7 +77,7 @@ def campaign(
     seeds: range | None,
     commit: str | None,
     minutes: float | None,
-    world: str,
+    model: str,
     faults: range | None,
     jobs: int,
     recordings: Path,
@@ -87,7 +87,7 @@ def campaign(
     """Fly missions with seeded faults and check the rules that must always hold.
 
     A mission that breaks a rule prints it, and is flown once more with a recording, for `jezero report`. The same seed
-    breaks it again: `--seeds N -v` with the same --world and --faults shows all its events.
+    breaks it again: `--seeds N -v` with the same --model and --faults shows all its events.
     """
     import msgspec
 
@@ -109,7 +109,7 @@ def campaign(
         else:
             _print_report(report)
 
-    mission = partial(fly_mission, world=world, fault_counts=faults or FAULT_COUNTS, recordings=recordings)
+    mission = partial(fly_mission, model=model, fault_counts=faults or FAULT_COUNTS, recordings=recordings)
     if verbose:
         mission = partial(mission, on_event=click.echo)
     result = CampaignReport()

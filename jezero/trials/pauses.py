@@ -20,7 +20,7 @@ from jezero.schemas.rows import Action, Endpoint
 from jezero.schemas.state import Status, Truth
 from jezero.schemas.struct import Payload
 from jezero.schemas.units import NS_PER_S
-from jezero.trials.campaign.worlds import WORLDS
+from jezero.trials.campaign.models import MODELS
 from jezero.trials.platform import offset_m
 
 READY_TIMEOUT_S, GOAL_TIMEOUT_S, REPLY_TIMEOUT_S = 60.0, 400.0, 25.0
@@ -50,7 +50,7 @@ GOALS: dict[str, tuple[tuple[Action[Any], Payload], ...]] = {
         (topics.LAND_ON_SPOT, LandOnSpotGoal(landing_spot_ned_m=(1.0, 2.0, 0.0), use_uwb=False, use_tag=False)),
     ),
 }
-"""Goals of one flight by world; in that of the point mass nothing estimates the rover."""
+"""Goals of one flight by model; with the point mass nothing estimates the rover."""
 
 
 class PausedGoal(msgspec.Struct, kw_only=True):
@@ -90,15 +90,15 @@ class PausedFlight(msgspec.Struct, kw_only=True):
 
 
 class ObservedStack:
-    """A stack of one world with the newest status and truth, and all setpoints."""
+    """A stack with one model of the vehicle, the newest status and truth, and all setpoints."""
 
-    def __init__(self, seed: int, world: str) -> None:
-        self.bus: MemoryBus = WORLDS[world].make_bus(seed)
+    def __init__(self, seed: int, model: str) -> None:
+        self.bus: MemoryBus = MODELS[model].make_bus(seed)
         self.status: Status | None = None
         self.truth: Truth | None = None
         self.setpoints: list[Setpoint] = []
         self.bus.observe(self._observe)
-        for name, make in WORLDS[world].make_service_makers(seed).items():
+        for name, make in MODELS[model].make_service_makers(seed).items():
             self.bus.add(make(zlib.crc32(f"{seed}/{name}".encode())))
 
     def _observe(self, t_ns: int, topic: str, data: bytes) -> None:
@@ -122,7 +122,7 @@ class ObservedStack:
 
 
 def fly_with_pauses(
-    seed: int, world: str = "physics", durations_s: Sequence[float] = (), pauses: int = 10
+    seed: int, model: str = "physics", durations_s: Sequence[float] = (), pauses: int = 10
 ) -> PausedFlight:
     """Fly all goals, each with some pauses.
 
@@ -130,10 +130,10 @@ def fly_with_pauses(
         durations_s: of each goal without pauses, over which the pauses are spread; none for a flight without pauses.
         pauses: number of pauses of each goal.
     """
-    flight, report = ObservedStack(seed, world), PausedFlight(seed=seed)
+    flight, report = ObservedStack(seed, model), PausedFlight(seed=seed)
     rng = Random(zlib.crc32(f"pauses/{seed}".encode()))
     flight.wait_ready()
-    goals = GOALS[world][: len(durations_s) or None]
+    goals = GOALS[model][: len(durations_s) or None]
     for number, (action, goal) in enumerate(goals):
         flown = PausedGoal(action=action.name)
         report.goals.append(flown)

@@ -16,6 +16,12 @@ def run(*words: str | Path) -> Result:
     return CliRunner().invoke(main, ["replay", *map(str, words), "--router", free_endpoint()])
 
 
+@pytest.fixture(autouse=True)
+def run_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Each replay that is the router has a socket of its own."""
+    monkeypatch.setenv("JEZERO_RUN_DIR", str(tmp_path / "run"))
+
+
 def assert_refused(result: Result, exit_code: int, *parts: str) -> None:
     """One sentence with these parts, and nothing else but click's usage."""
     assert result.exit_code == exit_code, result.output

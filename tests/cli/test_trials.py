@@ -131,13 +131,13 @@ def test_a_mission_that_breaks_a_rule_is_flown_once_more_with_a_recording(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(TruthJudge, "__call__", _violation_at_once)
-    words = ["--seeds", "5", "--world", "point-mass", "--recordings", str(tmp_path), "--json"]
+    words = ["--seeds", "5", "--model", "point-mass", "--recordings", str(tmp_path), "--json"]
     result = CliRunner().invoke(campaign, words)
     report = json.loads(result.output.splitlines()[0])
     path = tmp_path / "point-mass-5" / "flight.mcap"
     assert report["violations"] and report["recording"] == str(path)
     summary = open_recording(path).summary()
-    assert (summary.about["seed"], summary.about["world"], summary.problem) == ("5", "point-mass", "")
+    assert (summary.about["seed"], summary.about["model"], summary.problem) == ("5", "point-mass", "")
     assert summary.counts["status"] > 0
     assert summary.end_ns / 1e9 == pytest.approx(report["sim_time_s"], abs=0.5)
 

@@ -66,9 +66,9 @@ QUICK = (limits_no_target_at_a_fence,)
 CASES = [pytest.param(broken, marks=() if broken in QUICK else pytest.mark.slow) for broken in BROKEN]
 
 
-def first_seed_that_breaks(rule: str, world: str) -> int | None:
+def first_seed_that_breaks(rule: str, model: str) -> int | None:
     for seed in range(SEEDS):
-        report = fly_mission(seed, world=world)
+        report = fly_mission(seed, model=model)
         if any(f": {rule}: " in violation for violation in report.violations):
             return seed
     return None
@@ -77,9 +77,9 @@ def first_seed_that_breaks(rule: str, world: str) -> int | None:
 @pytest.mark.long
 @pytest.mark.timeout(7200)
 @pytest.mark.parametrize("broken", CASES, ids=lambda broken: broken.__name__)
-@pytest.mark.parametrize("world", ["point-mass", pytest.param("physics", marks=pytest.mark.slow)])
-def test_a_broken_build_is_caught(monkeypatch: pytest.MonkeyPatch, world: str, broken: Break) -> None:
+@pytest.mark.parametrize("model", ["point-mass", pytest.param("physics", marks=pytest.mark.slow)])
+def test_a_broken_build_is_caught(monkeypatch: pytest.MonkeyPatch, model: str, broken: Break) -> None:
     broken(monkeypatch)
-    seed = first_seed_that_breaks(BROKEN[broken], world)
+    seed = first_seed_that_breaks(BROKEN[broken], model)
     assert seed is not None, f"a build that {broken.__name__} went unnoticed in {SEEDS} missions"
-    print(f"{world}: a build that {broken.__name__} is caught by seed {seed}")
+    print(f"{model}: a build that {broken.__name__} is caught by seed {seed}")

@@ -17,31 +17,31 @@ from jezero.trials.campaign.clients import draw_goal
 from jezero.trials.campaign.faults import FAULT_COUNTS, PARTITION_MAX_S, Fault, Kind, draw_faults
 from jezero.trials.campaign.judge import ALLOWED
 from jezero.trials.campaign.mission import CampaignMission, fly_mission, named_random
-from jezero.trials.campaign.worlds import WORLDS
+from jezero.trials.campaign.models import MODELS
 from tests.scenario.rig import Flight, go_to
 
 HASH = (
-    "from jezero.trials.campaign.mission import fly_mission; print(fly_mission(2019, world={world!r}).messages_sha256)"
+    "from jezero.trials.campaign.mission import fly_mission; print(fly_mission(2019, model={model!r}).messages_sha256)"
 )
 
 
 @pytest.mark.long
 @pytest.mark.timeout(600)
-@pytest.mark.parametrize("world", WORLDS)
-def test_a_mission_passes_and_replays_exactly_in_another_process(world: str) -> None:
-    reports = list(fly_campaign((2019,), jobs=1, mission=partial(fly_mission, world=world)))
+@pytest.mark.parametrize("model", MODELS)
+def test_a_mission_passes_and_replays_exactly_in_another_process(model: str) -> None:
+    reports = list(fly_campaign((2019,), jobs=1, mission=partial(fly_mission, model=model)))
     result = CampaignReport()
     result.add(reports[0])
     assert result.failed == {} and result.seeds == 1 and result.sim_time_s > 60.0
     assert sum(result.faults.values()) >= FAULT_COUNTS[0]
     assert result.states["HOVER"] >= 2
-    command, environment = [sys.executable, "-c", HASH.format(world=world)], {**os.environ, "PYTHONHASHSEED": "99"}
+    command, environment = [sys.executable, "-c", HASH.format(model=model)], {**os.environ, "PYTHONHASHSEED": "99"}
     run = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     assert run.stdout.split()[-1] == reports[0].messages_sha256
 
 
 def test_another_seed_is_another_mission() -> None:
-    one, other = (fly_mission(seed, world="point-mass") for seed in (2019, 2020))
+    one, other = (fly_mission(seed, model="point-mass") for seed in (2019, 2020))
     assert one.messages_sha256 != other.messages_sha256
 
 

@@ -10,7 +10,7 @@ from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, Modify, Rejected
 from jezero.schemas.fence import Fence, FenceReply, FenceState, SetFence, Zone
 from jezero.schemas.goals import GoToGoal, TakeoffGoal
-from jezero.trials.campaign.worlds import POINT_MASS
+from jezero.trials.campaign.models import POINT_MASS
 
 FIELD = Zone(name="field", corners_ned_m=((-20.0, -20.0), (20.0, -20.0), (20.0, 20.0), (-20.0, 20.0)))
 CRATER = Zone(name="crater", corners_ned_m=((4.0, -2.0), (8.0, -2.0), (8.0, 2.0), (4.0, 2.0)))

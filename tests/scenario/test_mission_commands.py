@@ -11,7 +11,7 @@ from jezero.runtime.memory_bus import MemoryBus
 from jezero.schemas import topics
 from jezero.schemas.mission import GoalStep, Mission, MissionCommand, MissionProgress, MissionReply
 from jezero.schemas.state import Status, StatusCode
-from jezero.trials.campaign.worlds import POINT_MASS
+from jezero.trials.campaign.models import POINT_MASS
 from jezero.trials.stack import mission_maker
 from tests.scenario.mission_rig import TAKEOFF, go
 

@@ -19,10 +19,10 @@ SEEDS = range(10)
 LANDING_P95_MAX_M = 0.1
 
 
-def both_flights(seed: int, world: str) -> tuple[PausedFlight, PausedFlight]:
+def both_flights(seed: int, model: str) -> tuple[PausedFlight, PausedFlight]:
     """The flight of a seed without pauses, and the one with ten pauses of each goal."""
-    plain = fly_with_pauses(seed, world)
-    return plain, fly_with_pauses(seed, world, [goal.duration_s for goal in plain.goals])
+    plain = fly_with_pauses(seed, model)
+    return plain, fly_with_pauses(seed, model, [goal.duration_s for goal in plain.goals])
 
 
 def assert_same_result(plain: PausedGoal, paused: PausedGoal) -> None:
@@ -47,7 +47,7 @@ def test_each_action_paused_at_random_instants_has_the_same_result() -> None:
 @pytest.mark.timeout(3600)
 def test_ten_seeds_with_physics_have_the_same_results_and_land_as_exactly() -> None:
     with workers(2) as pool:
-        flights = pool.map(partial(both_flights, world="physics"), SEEDS, chunksize=1)
+        flights = pool.map(partial(both_flights, model="physics"), SEEDS, chunksize=1)
     errors_m = [[flight.touchdown_error_m for flight in column] for column in zip(*flights, strict=True)]
     for plain, paused in flights:
         print(f"seed {plain.seed}: touchdown {plain.touchdown_error_m:.3f} m, paused {paused.touchdown_error_m:.3f} m")

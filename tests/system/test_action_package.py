@@ -171,7 +171,7 @@ def test_a_camera_that_is_not_declared_ends_its_goal_and_its_server_lives(hoveri
 @pytest.mark.slow
 def test_the_campaign_flies_and_judges_it(environment: dict[str, str]) -> None:
     done = subprocess.run(
-        [*JEZERO, "campaign", "--world", "point-mass", "--seeds", "0..5", "-v"],
+        [*JEZERO, "campaign", "--model", "point-mass", "--seeds", "0..5", "-v"],
         env=environment,
         capture_output=True,
         text=True,

@@ -37,7 +37,7 @@ from jezero.trials.campaign.judge import Judge, TruthJudge, Violation
 from jezero.trials.campaign.judge_actions import GoalRecord, LandOnSpotJudge, PauseJudge, ServerJudge
 from jezero.trials.campaign.judge_control import AutopilotJudge, BridgeJudge
 from jezero.trials.campaign.missions import ENDS, MISSION_PROBABILITY, MissionClient, MissionJudge, MissionLog
-from jezero.trials.campaign.worlds import PHYSICS, WORLDS, CampaignWorld, FaultySensors
+from jezero.trials.campaign.models import MODELS, PHYSICS, CampaignModel, FaultySensors
 from jezero.trials.recording import MessageDigest, virtual_recording
 from jezero.trials.stack import mission_maker
 
@@ -89,7 +89,7 @@ class CampaignMission:
     Args:
         seed: seed of everything random.
         on_event: called with a line of text for each event.
-        world: the world to fly in.
+        model: of the vehicle.
         fault_counts: allowed numbers of faults.
         record: gets all messages and the services' journals; None for a mission that is not recorded.
     """
@@ -98,15 +98,15 @@ class CampaignMission:
         self,
         seed: int,
         on_event: Callable[[str], None] = lambda text: None,
-        world: CampaignWorld = PHYSICS,
+        model: CampaignModel = PHYSICS,
         fault_counts: range = FAULT_COUNTS,
         record: Observer | None = None,
     ) -> None:
         self.seed = seed
         self.judge = Judge()
-        self.bus = world.make_bus(seed)
-        self._world = world
-        self._makers = world.make_service_makers(seed)
+        self.bus = model.make_bus(seed)
+        self._model = model
+        self._makers = model.make_service_makers(seed)
         self.missions = self._mission_client()
         vehicle = load_config(VehicleConfig, "vehicle")
         self._limits = vehicle.limits
@@ -131,10 +131,10 @@ class CampaignMission:
         self.fence_judge = FenceJudge(self.judge)
         fence_rng = named_random(seed, "fence")
         self._fences = FenceSetter(self.bus, fence_rng, FAULTS_START_MAX_S, self._report_event)
-        known = (world.sensors, world.autopilot, BRIDGE, *action_names())
+        known = (model.sensors, model.autopilot, BRIDGE, *action_names())
         others = tuple(name for name in self._makers if name not in known)
         faults = draw_faults(named_random(seed, "faults"), FAULTS_START_MAX_S, others, fault_counts)
-        self.faults = [world.translate_fault(fault) for fault in faults]
+        self.faults = [model.translate_fault(fault) for fault in faults]
         self.clients = [self._client(name) for name in CLIENTS] if self.missions is None else []
         self.bus.observe(self._observe)
         self.bus.observe(self._truth)
@@ -186,11 +186,11 @@ class CampaignMission:
     def _judged(self, name: str, run: int, service: Service) -> Service:
         if isinstance(service, Simulator):
             self._simulators.append(service)
-        if name == self._world.sensors:
-            service = self._sensors = self._world.add_sensor_faults(service, self._sensor_rng)
-        if name == self._world.autopilot:
+        if name == self._model.sensors:
+            service = self._sensors = self._model.add_sensor_faults(service, self._sensor_rng)
+        if name == self._model.autopilot:
             return AutopilotJudge(service, self.judge, lambda: self._link_faults.delay_max_ns, self.fence_judge.on_gap)
-        if name == self._world.sensors:
+        if name == self._model.sensors:
             return service
         if name == BRIDGE:
             return BridgeJudge(service, self.judge, self._flights, self._limits)
@@ -336,7 +336,7 @@ class CampaignMission:
 def fly_mission(
     seed: int,
     on_event: Callable[[str], None] = lambda text: None,
-    world: str = "physics",
+    model: str = "physics",
     fault_counts: range = FAULT_COUNTS,
     recordings: Path | None = None,
 ) -> MissionReport:
@@ -344,18 +344,18 @@ def fly_mission(
 
     Args:
         on_event: called with a line of text for each event.
-        world: name of one of WORLDS.
+        model: name of one of MODELS.
         fault_counts: allowed numbers of faults.
-        recordings: folder that gets the recording of a mission with violations, as <world>-<seed>/flight.mcap.
+        recordings: folder that gets the recording of a mission with violations, as <model>-<seed>/flight.mcap.
 
     Raises:
         OSError: the recording can't be written.
     """
-    report = CampaignMission(seed, on_event, WORLDS[world], fault_counts).fly()
+    report = CampaignMission(seed, on_event, MODELS[model], fault_counts).fly()
     if not report.violations or recordings is None:
         return report
-    path = recordings / f"{world}-{seed}" / RECORDING
+    path = recordings / f"{model}-{seed}" / RECORDING
     faults = f"{fault_counts.start}..{fault_counts.stop - 1}"
-    with virtual_recording(path, seed, world=world, faults=faults) as writer:
-        CampaignMission(seed, world=WORLDS[world], fault_counts=fault_counts, record=writer.write).fly()
+    with virtual_recording(path, seed, model=model, faults=faults) as writer:
+        CampaignMission(seed, model=MODELS[model], fault_counts=fault_counts, record=writer.write).fly()
     return msgspec.structs.replace(report, recording=str(path))

@@ -1,4 +1,4 @@
-"""The point-mass world: one service, cheap to run, in place of simulator and autopilot.
+"""The point mass: one service, cheap to run, in place of simulator and autopilot.
 
 The vehicle is one point mass, with a simple estimate and controller, which replace rigid body, estimator, attitude
 control and mixer. Arming, modes, failsafes, land detector, commands, parameters and telemetry are the embedded

@@ -129,6 +129,29 @@ def test_the_rovers_heading_is_corrected_to_that_of_the_tags() -> None:
     assert "the rover's heading was corrected by -46 degrees" in relative.consistency.left_out
 
 
+@pytest.mark.parametrize("error_rad", [0.8, -0.8])
+def test_the_rovers_heading_is_corrected_by_the_path_that_uwb_measures(error_rad: float) -> None:
+    """The vehicle flies to and fro beside a rover that stands, and whose compass is wrong."""
+    relative = RelativeFilter(Tuning(), ValidityConfig(), PlatformConfig())
+    for ms in range(0, 20_000, 50):
+        angle_rad = ms / 2000.0
+        rel_m = np.array((3.0, 4.0 * np.sin(angle_rad), -4.0))
+        vel_mps = np.array((0.0, 2.0 * np.cos(angle_rad), 0.0))
+        relative.add(
+            [
+                OdometryMeasurement(ms * MS, np.concatenate((POS_ROVER_M + rel_m, vel_mps))),
+                RoverOdometryMeasurement(ms * MS, 0.0, YAW_RAD + error_rad, 0.0, 0.03, 0.03, 0.01),
+                UwbMeasurement(ms * MS, LEVER_M, ANCHORS_M, ranges_m(rel_m), np.zeros(4), 0.02),
+            ]
+        )
+        if relative.consistency.heading_turned:
+            break
+    assert relative.consistency.left_out.startswith("the rover's heading was corrected by ")
+    assert relative.estimate is not None
+    assert relative.estimate.yaw_rover_rad == pytest.approx(YAW_RAD, abs=0.15)
+    assert relative.estimate.pos_rel_m == pytest.approx(rel_m, abs=0.5)
+
+
 class TurnedWindow:
     """The place by UWB of a vehicle on a circle of 2 m around the rover, turned about the rover."""
 

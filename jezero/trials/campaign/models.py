@@ -1,4 +1,4 @@
-"""Worlds of a mission: the simulator and the embedded autopilot, or the point mass in place of both."""
+"""Models of the vehicle in a mission: the simulator and the embedded autopilot, or the point mass in place of both."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -38,8 +38,8 @@ class FaultySensors(Service, Protocol):
 
 
 @dataclass(frozen=True)
-class CampaignWorld:
-    """One world.
+class CampaignModel:
+    """One model of the vehicle.
 
     Attributes:
         sensors: name of the service that has the sensors.
@@ -48,7 +48,7 @@ class CampaignWorld:
         make_service_makers: returns, from the seed, functions that make each service from its boot id; by service name,
             in start order.
         add_sensor_faults: wraps the service that has the sensors.
-        translate_fault: returns the fault of this world that corresponds to one of the physical world.
+        translate_fault: returns the fault of this model that corresponds to one of the physics.
     """
 
     sensors: str
@@ -101,7 +101,7 @@ def _physics_makers(seed: int) -> Makers:
     return service_makers(seed) | blank
 
 
-PHYSICS = CampaignWorld(
+PHYSICS = CampaignModel(
     sensors=SIMULATOR,
     autopilot=AUTOPILOT,
     make_bus=wired_bus,
@@ -109,7 +109,7 @@ PHYSICS = CampaignWorld(
     add_sensor_faults=FaultySimulator,
     translate_fault=lambda fault: fault,
 )
-POINT_MASS = CampaignWorld(
+POINT_MASS = CampaignModel(
     sensors=NAME,
     autopilot=NAME,
     make_bus=_point_mass_bus,
@@ -117,4 +117,4 @@ POINT_MASS = CampaignWorld(
     add_sensor_faults=FaultyPointMass,
     translate_fault=point_mass_fault,
 )
-WORLDS = {"physics": PHYSICS, "point-mass": POINT_MASS}
+MODELS = {"physics": PHYSICS, "point-mass": POINT_MASS}
