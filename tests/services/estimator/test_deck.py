@@ -108,6 +108,18 @@ def heaving_m(t_s: float) -> tuple[float, float]:
     )
 
 
+@pytest.mark.parametrize("climb_mps", [0.0, 1.0, -0.5])
+def test_a_vehicle_that_climbs_over_a_still_rover_moves_no_deck(climb_mps: float) -> None:
+    relative = RelativeFilter(Tuning(), ValidityConfig(), PlatformConfig())
+    for ms in range(0, 6000, 20):
+        rel_m = np.array((0.1, 0.0, -4.0 - climb_mps * ms / 1000))
+        vel_mps = np.array((0.0, 0.0, -climb_mps))
+        relative.add([OdometryMeasurement(ms * MS, np.concatenate((POS_ROVER_M + rel_m, vel_mps)))])
+        if ms % 60 == 0:
+            relative.add([TagMeasurement(ms * MS, rel_m, rel_m, 1e-4 * np.eye(3), 0.0, None, 1.0)])
+        assert not relative.deck.moves
+
+
 @pytest.mark.parametrize("knows_tilt", [True, False], ids=["with the rover's IMU", "by the tags alone"])
 def test_the_filter_follows_a_deck_that_heaves_and_nothing_contradicts_it(knows_tilt: bool) -> None:
     rng = np.random.default_rng(2)

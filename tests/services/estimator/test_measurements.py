@@ -14,7 +14,7 @@ from jezero.services.estimator.measurements import (
     TagMeasurement,
     UwbMeasurement,
 )
-from jezero.services.estimator.motion import ATTITUDE_ERROR, SIZE, TAG_SCALE, UWB_BIAS, YAW
+from jezero.services.estimator.motion import ATTITUDE_ERROR, SIZE, TAG_SCALE, UWB_BIAS, VEL_ROVER, VEL_UAV, YAW
 from tests.services.estimator.test_filter import ANCHORS_M, GATE, POS_ROVER_M, kalman_at
 
 NO_GATE = (1e12, 1e12)
@@ -149,3 +149,25 @@ def test_a_range_that_does_not_fit_is_one_that_was_offered_and_not_used(off_m: f
     below_m = 4.0 - float(LEVER_M[2])
     found = AltimeterMeasurement(0, below_m + off_m, LEVER_M, BEAM_NED, 0.5, 0.03).fuse(kalman, GATE)
     assert found == UpdateResult(used, offered=1)
+
+
+def test_a_wrong_attitude_turns_the_lever_arm_of_the_tags_on_each_axis() -> None:
+    """About the axes forward, right and down of a vehicle with a heading of 0.4 rad."""
+    lever_m = np.array((1.5, -2.0, -4.0))
+    c, s = np.cos(0.4), np.sin(0.4)
+    axes_ned = np.array(((c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)))
+    jacobian = TagMeasurement(0, lever_m, lever_m, 1e-4 * np.eye(3), 0.4, None, 0.02).error_jacobian()
+    for axis_ned, column in zip(axes_ned, jacobian[:, ATTITUDE_ERROR].T, strict=True):
+        assert column == pytest.approx(np.cross(axis_ned, lever_m))
+
+
+@pytest.mark.parametrize(("vel_rover_mps", "rate_mps"), [(0.0, 3.0), (3.0, 0.0), (-3.0, 6.0)])
+def test_an_uncertain_time_counts_by_the_speed_at_which_a_range_changes(vel_rover_mps: float, rate_mps: float) -> None:
+    """The vehicle flies at 3 m/s straight away from an anchor of a rover that drives along the same line."""
+    kalman = kalman_at(POS_ROVER_M + np.array((9.0, 0.0, 0.0)), 0.01)
+    kalman.x[VEL_UAV], kalman.x[VEL_ROVER] = (3.0, 0.0, 0.0), (vel_rover_mps, 0.0, 0.0)
+    seen: list[Innovation] = []
+    kalman.observer = seen.append
+    uwb = UwbMeasurement(0, np.zeros(3), np.zeros((1, 3)), np.array((9.0,)), np.zeros(1), 0.02, std_time_s=0.01)
+    uwb.fuse(kalman, NO_GATE)
+    assert seen[0].cov_noise == pytest.approx(np.array([[0.02**2 + (0.01 * rate_mps) ** 2]]))

@@ -4,8 +4,8 @@ from functools import partial
 
 import pytest
 
-from jezero.schemas.commands import Kill, Phase
-from jezero.schemas.topics import KILL
+from jezero.schemas.commands import Kill, Phase, Release
+from jezero.schemas.topics import KILL, RELEASE
 from tests.services.vehicle_bridge.rig import ARM, Rig
 
 
@@ -99,3 +99,18 @@ def test_a_kill_of_a_vehicle_that_is_being_armed_is_done_only_when_its_motors_st
     rig.autopilot.lost_commands = 2
     assert rig.request(KILL, Kill(confirm=True)).killed
     assert not rig.autopilot.armed
+
+
+def test_after_a_kill_the_next_flight_ends_with_an_ordinary_disarm() -> None:
+    rig = Rig().fly()
+    assert rig.request(KILL, Kill(confirm=True, vehicle="uav1")).killed
+    rig.autopilot.landed, rig.autopilot.pos[2] = True, 0.0
+    rig.run(1.0)
+    rig.fly()
+    control_id = rig.go("land_on_spot", Phase.LANDING)
+    rig.autopilot.landed, rig.autopilot.pos[2] = True, 0.0
+    rig.autopilot.commands.clear()
+    request = rig.post(RELEASE, Release(control_id=control_id, outcome="succeeded", then="disarm"))
+    rig.run_until(lambda: not rig.autopilot.armed)
+    rig.run_until(lambda: request in rig.replies)
+    assert [parameters[1] for command, parameters in rig.autopilot.commands if command == ARM] == [0.0]

@@ -133,11 +133,17 @@ def test_other_systems_and_components_are_not_the_autopilot() -> None:
     assert link.telemetry.mode == "OFFBOARD"
 
 
-def test_modes_have_px4s_names() -> None:
-    assert mode_name(4 << 16 | 6 << 24) == "AUTO.LAND"
-    assert mode_name(4 << 16 | 5 << 24) == "AUTO.RTL"
-    assert mode_name(3 << 16) == "POSCTL"
-    assert mode_name(99 << 16) == "MODE_99"
+@pytest.mark.parametrize(
+    ("main", "sub", "name"),
+    [
+        (1, 0, "MANUAL"), (2, 0, "ALTCTL"), (3, 0, "POSCTL"), (5, 0, "ACRO"), (6, 0, "OFFBOARD"), (7, 0, "STABILIZED"),
+        (4, 1, "AUTO.READY"), (4, 2, "AUTO.TAKEOFF"), (4, 3, "AUTO.LOITER"), (4, 4, "AUTO.MISSION"), (4, 5, "AUTO.RTL"),
+        (4, 6, "AUTO.LAND"), (4, 8, "AUTO.FOLLOW_TARGET"), (4, 9, "AUTO.PRECLAND"), (99, 0, "MODE_99"),
+    ],
+)  # fmt: skip
+def test_modes_have_px4s_names(main: int, sub: int, name: str) -> None:
+    """The numbers are those of PX4's `px4_custom_mode.h`."""
+    assert mode_name(main << 16 | sub << 24) == name
 
 
 def test_battery_and_origin_are_converted() -> None:

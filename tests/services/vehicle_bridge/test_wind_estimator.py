@@ -95,6 +95,23 @@ def fly_level(estimator: WindEstimator, begin_s: float, end_s: float, wind_ned_m
         estimator.update(odometry, flying)
 
 
+@pytest.mark.parametrize(("armed", "landed"), [(True, True), (False, False), (False, True)])
+def test_the_wind_is_forgotten_on_the_ground_and_when_the_motors_stand(armed: bool, landed: bool) -> None:
+    estimator = WindEstimator(ROBOT)
+    fly_level(estimator, 0.0, 3.0, (3.0, 0.0, 0.0))
+    assert estimator.wind is not None
+    odometry = Odometry(
+        t_ns=4_000_000_000,
+        epoch_id=1,
+        pos_uav_ned_m=STILL,
+        vel_uav_ned_mps=STILL,
+        q_ned_from_frd=pitched(0.0),
+        rates_uav_frd_rps=STILL,
+    )
+    estimator.update(odometry, VehicleSnapshot(t_ns=0, timer_ns=0, armed=armed, landed=landed, height_m=3.0))
+    assert estimator.wind is None
+
+
 @pytest.mark.parametrize(("north_mps", "east_mps"), [(3.0, 0.0), (0.0, -3.0)])
 def test_the_mean_begins_with_the_first_samples_and_follows_a_wind_that_rises_later(
     north_mps: float, east_mps: float

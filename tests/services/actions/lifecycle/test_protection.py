@@ -12,7 +12,7 @@ from jezero.schemas.actions import Result
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import Goal, GoToGoal, MoveFeedback
 from jezero.schemas.state import Odometry
-from jezero.services.actions.lifecycle.protection import GroundProximity, ResetWatch, RunawayDetector
+from jezero.services.actions.lifecycle.protection import FlightProtection, GroundProximity, ResetWatch, RunawayDetector
 from jezero.services.actions.motion.behaviour import Move, MovingFrame, VehicleState
 from tests.services.actions.fake_camera import FakeCamera
 from tests.services.actions.lifecycle.test_server_plans import CIRCLE, FIELD, SPOT
@@ -54,6 +54,14 @@ def test_a_turn_of_the_vehicle_is_no_step() -> None:
 
 def test_a_step_of_the_height_alone_is_borne() -> None:
     assert ResetWatch(START).problem(after(offset_ned_m=(0.0, 0.0, 5.0)), MOVE) == ""
+
+
+@pytest.mark.parametrize("lands", [True, False])
+def test_a_landing_goes_on_after_a_step_of_the_position_that_ends_other_goals(lands: bool) -> None:
+    state = VehicleState((0.0, 0.0, -3.0), (0.0, 0.0, 0.0), START.q_ned_from_frd, armed=True, landed=False)
+    protection = FlightProtection(VEHICLE, START, lands=lands)
+    problem = protection.problem(0, after(offset_ned_m=(5.0, 0.0, 0.0)), state, MOVE)
+    assert problem == "" if lands else "by 5.0 m in one step" in problem
 
 
 def test_a_goal_in_a_moving_frame_bears_steps_of_the_position() -> None:

@@ -3,6 +3,7 @@
 from itertools import pairwise
 from typing import Any
 
+import msgspec
 import pytest
 
 from jezero.base.frames import distance
@@ -165,3 +166,11 @@ def test_a_landing_with_the_rovers_rough_position_is_planned_by_it() -> None:
     follows_s = 35.0 / CONFIG.land_on_spot.rover.platform_control.speed_max_mps
     searches_s = 3.0 + (40.0 - CONFIG.vehicle.uwb.range_max_m) / 1.5
     assert far.duration_s - near.duration_s == pytest.approx(follows_s + searches_s, abs=1.0)
+
+
+def test_a_flight_that_is_planned_from_another_place_begins_in_a_hover_also_while_the_vehicle_stands() -> None:
+    goal = GoToGoal(target_ned_m=(30.0, 0.0, -8.0), do_takeoff=True)
+    there = msgspec.structs.replace(goal, plan_from_ned_m=(10.0, 0.0, -8.0))
+    assert plan(world_at(GROUND), there).path_ned_m == ((10.0, 0.0, -8.0), (30.0, 0.0, -8.0))
+    from_here = plan(world_at(GROUND), goal).path_ned_m
+    assert len(from_here) == 3 and from_here[0] == GROUND, "it takes off first"

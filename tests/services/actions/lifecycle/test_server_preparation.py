@@ -40,6 +40,7 @@ class PreparedGoTo:
         preparation = Preparation(
             work=lambda state: self._work,
             start=lambda value: Prepared(start, warning=str(value)),
+            feedback=lambda state: MoveFeedback(pos_uav_ned_m=state.pos_uav_ned_m, frame="world", distance_m=1.0),
             too_long="fly to one point after the other",
         )
         return Plan(preparation)
@@ -99,6 +100,14 @@ def test_work_that_takes_too_long_is_ended_and_the_refusal_says_what_to_change(e
     assert isinstance(rejected, Rejected)
     assert rejected.reason == "the goal could not be planned within 20 s: fly to one point after the other"
     assert endless.bridge.grants == 0
+
+
+def test_while_the_work_lasts_feedback_comes_ten_times_a_second(endless: World) -> None:
+    seen: list[str] = []
+    endless.bus.observe(lambda t_ns, topic, data: seen.append(topic))
+    endless.send()
+    endless.bus.run_for(2.0)
+    assert 18 <= seen.count("action/go_to/feedback") <= 21
 
 
 def test_a_cancel_is_obeyed_within_a_fifth_of_a_second(endless: World) -> None:
