@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+import msgspec
 import pytest
 
 from jezero.base.fence import JoinError, fence_doubts, fence_refusal, joined, places_outside, zone_refusal
@@ -109,6 +110,11 @@ def test_areas_on_both_sides_of_the_date_line_are_one() -> None:
         corners_deg = joined(zones).corners_deg
         assert {round(longitude_deg, 9) for _, longitude_deg in corners_deg} >= {179.9, -179.8}
         assert all(abs(longitude_deg) > 179.0 for _, longitude_deg in corners_deg)
+
+
+def test_the_name_of_joined_areas_is_one_that_a_zone_may_have() -> None:
+    west, east = metres(square(10.0, 0.0, -4.0), "w" * 40), metres(square(10.0, 0.0, 4.0), "e" * 40)
+    assert msgspec.convert(msgspec.to_builtins(joined([west, east])), Zone).name == "w" * 40 + " and " + "e" * 19
 
 
 @pytest.mark.parametrize("make", [metres, degrees])

@@ -181,3 +181,15 @@ def test_vectors_are_those_of_numpy(a: Vec3, b: Vec3, factor: float) -> None:
 def test_the_origin_of_a_frame_is_where_one_place_has_both_positions(pos_ned_m: Vec3, latitude_deg: float) -> None:
     there = frames.geodetic_from_ned(pos_ned_m, (latitude_deg, 8.5, 488.0))
     assert frames.ned_from_geodetic(there, frames.origin_from(pos_ned_m, there)) == pytest.approx(pos_ned_m, abs=0.05)
+
+
+@given(st.floats(0.1, 3.0), st.floats(-1.4, 1.4), angles)
+def test_the_angles_of_a_gimbal_are_those_of_its_camera_however_it_turns_about_the_optical_axis(
+    below_rad: float, roll_rad: float, turn_rad: float
+) -> None:
+    pitch_rad = -below_rad
+    gimbal = frames.q_frd_from_gimbal(pitch_rad, roll_rad)
+    axis = frames.quat_rotate(gimbal, (1.0, 0.0, 0.0))
+    assert axis == pytest.approx(frames.frd_from_camera((0.0, 0.0, 1.0), pitch_rad, roll_rad))
+    turned = frames.quat_multiply(gimbal, frames.quat_from_euler(turn_rad, 0.0, 0.0))
+    assert frames.gimbal_angles(turned) == pytest.approx((pitch_rad, roll_rad))

@@ -16,9 +16,11 @@ def test_the_shipped_file_starts_the_router_first_and_what_needs_the_simulator_a
     levels = in_levels(services)
     assert levels[:2] == [["router"], ["recorder"]]
     assert "simulator" in levels[2]
-    assert levels[3] == ["camera", "autopilot"]
+    assert {"camera", "autopilot", "estimator", "mission", "ground_station", *topics.ACTIONS} <= set(levels[3])
     assert services["autopilot"].depends_on["simulator"] == "service_started"
     assert services["camera"].depends_on["simulator"] == "service_healthy"
+    assert services["go_to"].depends_on["simulator"] == "service_healthy"
+    assert "simulator" in services["go_to"].optional, "a real vehicle has none"
 
 
 def test_the_shipped_file_has_a_server_for_every_action() -> None:

@@ -152,6 +152,27 @@ def test_the_rovers_heading_is_corrected_by_the_path_that_uwb_measures(error_rad
     assert relative.estimate.pos_rel_m == pytest.approx(rel_m, abs=0.5)
 
 
+def test_a_rover_that_drives_while_its_odometry_says_that_it_stands_is_found_by_the_path_of_uwb() -> None:
+    relative, rover_m = RelativeFilter(Tuning(), ValidityConfig(), PlatformConfig()), POS_ROVER_M.copy()
+    ahead = np.array((np.cos(YAW_RAD), np.sin(YAW_RAD), 0.0))
+    for ms in range(0, 20_000, 50):
+        angle_rad = ms / 2000.0
+        rel_m = np.array((3.0, 4.0 * np.sin(angle_rad), -4.0))
+        vel_mps = 0.8 * ahead + np.array((0.0, 2.0 * np.cos(angle_rad), 0.0))
+        relative.add(
+            [
+                OdometryMeasurement(ms * MS, np.concatenate((rover_m + rel_m, vel_mps))),
+                RoverOdometryMeasurement(ms * MS, 0.0, YAW_RAD, 0.0, 0.03, 0.03, 0.01),
+                UwbMeasurement(ms * MS, LEVER_M, ANCHORS_M, ranges_m(rel_m), np.zeros(4), 0.02),
+            ]
+        )
+        rover_m += 0.05 * 0.8 * ahead
+    assert relative.consistency.left_out.startswith(
+        "the rover's speed is left out, as the path by UWB is that of a rover which drives 0.8 m/s faster than"
+    )
+    assert relative.estimate is not None and relative.estimate.vel_rover_mps == pytest.approx(0.8 * ahead, abs=0.3)
+
+
 class TurnedWindow:
     """The place by UWB of a vehicle on a circle of 2 m around the rover, turned about the rover."""
 

@@ -1,5 +1,6 @@
 """The estimator on the bus: what it is told to use, when it says that it isn't to be used, and what can go wrong."""
 
+import re
 from collections.abc import Iterable
 from math import hypot
 from random import Random
@@ -369,3 +370,20 @@ def test_a_sensor_that_tells_the_same_again_and_again_leads_nobody_astray(sensor
     meanwhile = [r for r in rig.relatives if 3 * NS_PER_S < r.t_ns < 12 * NS_PER_S]
     assert all(r.valid for r in meanwhile)
     assert max(rig.error_m(r) for r in meanwhile) < 0.1
+
+
+def test_measurements_of_the_future_are_dropped_and_counted_in_the_health() -> None:
+    def ahead(arrival: Arrival) -> Iterable[Arrival]:
+        t_ns, topic, message = arrival
+        if topic is topics.ALTIMETER:
+            message = replace(message, t_ns=message.t_ns + 10 * NS_PER_S)
+        yield t_ns, topic, message
+
+    rig, texts = Rig(tamper=ahead), list[str]()
+    rig.bus.observe(
+        lambda t_ns, topic, data: (
+            texts.append(msgspec.json.decode(data)["text"]) if topic == topics.health_of("estimator").name else None
+        )
+    )
+    rig.until(4.0)
+    assert re.fullmatch(r".+; [1-9]\d* measurements dropped: too late, too early or impossible", texts[-1])

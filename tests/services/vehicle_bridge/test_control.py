@@ -353,3 +353,13 @@ def test_the_health_of_an_idle_bridge_says_why_the_vehicle_is_not_ready() -> Non
     rig.run(2.0)
     (health,) = [output for output in rig.outputs if isinstance(output, Health)][-1:]
     assert (health.state, health.text) == ("degraded", rig.status.not_ready_reason) and health.text
+
+
+def test_a_flying_vehicle_has_no_reason_not_to_take_off_until_its_telemetry_fails() -> None:
+    rig = Rig().fly()
+    rig.autopilot.armable = False
+    rig.run(0.5)
+    assert rig.status.not_ready_reason == ""
+    rig.autopilot.silent = True
+    rig.run(1.5)
+    assert rig.status.not_ready_reason

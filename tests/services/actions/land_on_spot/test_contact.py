@@ -138,6 +138,10 @@ def test_a_landing_ends_after_the_last_go_around_and_names_the_slope_or_the_wind
     go_arounds.begin(NS_PER_S, "slides", leaning)
     windy = msgspec.structs.replace(leaning, wind_ned_mps=(6.0, 8.0, 0.0), std_gust_mps=2.0)
     assert "the wind is 10.0 m/s with gusts to 12.0 m/s" in go_arounds.abort_reason(windy)
+    go_arounds.begin(NS_PER_S, "below", leaning)
+    assert "by the estimate the vehicle came below the platform's surface" in go_arounds.abort_reason(windy)
+    go_arounds.begin(NS_PER_S, "slides", leaning)
+    assert "the vehicle slid on what it touched" in go_arounds.abort_reason(windy), "the newest one counts"
 
 
 @pytest.mark.parametrize(("off_m", "touched_down"), [(0.6, True), (0.8, False)])

@@ -113,6 +113,8 @@ def test_a_descent_that_is_interrupted_again_and_again_ends() -> None:
     assert done is not None
     begin = "the descent was interrupted 4 times, "
     assert done.reason.startswith(begin)
+    low_m = float(done.reason.removeprefix(begin).split()[0])
+    assert 0.2 < low_m < 2.7
     assert " to 2.8 m above the platform: no measurement of the rover for " in done.reason
     assert "check what hides the tags there" in done.reason
     assert "check that the UWB anchors are powered" in done.reason

@@ -102,6 +102,15 @@ def test_work_that_takes_too_long_is_ended_and_the_refusal_says_what_to_change(e
     assert endless.bridge.grants == 0
 
 
+def test_the_work_of_a_goal_that_was_canceled_ends_and_changes_nothing_any_more(endless: World) -> None:
+    endless.send()
+    endless.bus.run_for(1.0)
+    assert len(endless.bus._ports["go_to"]._tasks) == 1
+    endless.bus.send_request(topics.GO_TO.cancel, Cancel(goal_id="near"))
+    endless.bus.run_for(1.0)
+    assert not endless.bus._ports["go_to"]._tasks
+
+
 def test_while_the_work_lasts_feedback_comes_ten_times_a_second(endless: World) -> None:
     seen: list[str] = []
     endless.bus.observe(lambda t_ns, topic, data: seen.append(topic))

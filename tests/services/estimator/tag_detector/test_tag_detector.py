@@ -2,9 +2,11 @@
 
 from collections.abc import Sequence
 from math import pi, radians, tan
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
+import msgspec
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -232,6 +234,20 @@ def test_the_vehicle_is_placed_over_a_painted_board(board: Grey, height_m: float
     error_m = np.abs(found[1].pos_uav_rel_rover_ned_m - pos_ned_m)
     assert error_m.max() < most_m
     assert found[1].yaw_rover_rad == pytest.approx(yaw_rad, abs=0.02)
+
+
+def test_a_tag_that_is_hardly_told_from_the_noise_does_not_count(board: Grey) -> None:
+    picture = photograph(board, PIXELS_PER_M, (0.1, 0.0, -2.0), quat_from_euler(0.0, 0.0, 0.0), 0.0)
+    assert Finder(CONFIG).find(picture)
+    assert not Finder(msgspec.structs.replace(CONFIG, margin_min=1000.0)).find(picture)
+
+
+@pytest.mark.parametrize(("hamming", "counts"), [(0, True), (1, False)])
+def test_a_tag_of_which_a_bit_was_corrected_does_not_count(hamming: int, counts: bool) -> None:
+    corners = np.array(((100.0, 200.0), (200.0, 200.0), (200.0, 100.0), (100.0, 100.0)))
+    found = SimpleNamespace(hamming=hamming, decision_margin=99.0, corners=corners, tag_id=BIG_ID)
+    frame = photograph(np.zeros((8, 8), np.uint8), 8, (0.1, 0.0, -2.0), quat_from_euler(0.0, 0.0, 0.0), 0.0)
+    assert (Finder(CONFIG)._tag(found, frame) is not None) is counts
 
 
 def test_a_tag_that_touches_the_edge_of_the_picture_does_not_count(board: Grey) -> None:
