@@ -7,7 +7,7 @@ force, whose shapes may be in degrees; it alone needs shapely, which takes half 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from math import dist, hypot, inf
+from math import cos, dist, hypot, inf, sin
 from typing import Any
 
 from msgspec.structs import replace
@@ -200,12 +200,12 @@ def point_inside(fence: Fence, pos_ned_m: Vec3, inside_m: float) -> Vec3:
     point: Vec3 = pos_ned_m
     if fence.ceiling_m is not None:
         point = (point[0], point[1], max(point[2], z_ned_m(fence.ceiling_m - inside_m)))
-    for _ in range(INWARD_STEPS):
+    for number in range(INWARD_STEPS):
         at = nearest(fence, point)
         if at is None or at.inside_m >= inside_m - 1e-3:
             break
         if abs(at.inside_m) < 1e-6:  # on an outline: a point beside it tells which direction leads away from it
-            point = (point[0] + 1e-3, point[1] + 7e-4, point[2])
+            point = (point[0] + 1e-3 * cos(number), point[1] + 1e-3 * sin(number), point[2])
             continue
         step = (inside_m - at.inside_m) / at.inside_m
         north_m, east_m = point[0] - at.nearest_m[0], point[1] - at.nearest_m[1]

@@ -109,6 +109,16 @@ def test_the_way_back_ends_a_metre_inside(outside: Vec3, expected: Vec3) -> None
     assert point_inside(FENCE, outside, 1.0) == pytest.approx(expected, abs=0.01)
 
 
+@pytest.mark.parametrize("direction_deg", range(0, 180, 5))
+def test_from_any_edge_the_way_back_is_straight_away_from_it(direction_deg: int) -> None:
+    """The edge of a square of 40 m whose middle is the origin, turned by an angle."""
+    c, s = cos(direction_deg * pi / 180.0), sin(direction_deg * pi / 180.0)
+    corners_m = tuple((20.0 * (a * c - b * s), 20.0 * (a * s + b * c)) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1)))
+    fence = Fence(keep_in=Zone(name="field", corners_ned_m=corners_m))
+    edge, inside = (20.0 * c, 20.0 * s, -5.0), (19.0 * c, 19.0 * s, -5.0)
+    assert point_inside(fence, edge, 1.0) == pytest.approx(inside, abs=0.01)
+
+
 def star(rng: Random, name: str, middle_m: tuple[float, float], radius_m: float) -> Zone:
     """A polygon with corners in all directions around its middle, in either order, that may have notches."""
     bearings = sorted(rng.uniform(0.0, 2.0 * pi) for _ in range(rng.randrange(5, 12)))
