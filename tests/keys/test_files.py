@@ -122,10 +122,10 @@ def test_what_is_no_plain_file_or_too_large_is_refused_at_once(
     endpoint = secured(ADDRESS, bundle)
     (bundle / name).unlink()
     make(bundle / name)
-    began_s = time.process_time()
+    began_s = time.thread_time()
     for said in (refusal(lambda: secured(ADDRESS, bundle)), connection_problem(endpoint), bundle_problem(endpoint)):
         assert name in said, said
-    assert time.process_time() - began_s < 1.0
+    assert time.thread_time() - began_s < 1.0
 
 
 @pytest.mark.parametrize("make", STRANGE)

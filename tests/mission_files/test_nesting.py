@@ -15,7 +15,7 @@ from jezero.mission_files import MissionFileError, read_fence, read_mission
 DEPTH = 20_000
 OPEN, CLOSED = "[" * DEPTH, "]" * DEPTH
 LATEST_S = 1.0
-"""Longest processor time; wall time would be longer on a busy machine."""
+"""Longest processor time of this thread; wall time is longer on a busy machine, and other threads have their own."""
 YAML = {
     "list.yaml": f"steps: {OPEN}{CLOSED}\n",
     "open.yaml": f"steps: {OPEN}\n",
@@ -49,10 +49,10 @@ AREAS = {
 def refusal(read: str, file: Path) -> str:
     """The error of a reader, which it gives within `LATEST_S`."""
     readers: dict[str, Callable[[Path], object]] = {"mission": read_mission, "fence": read_fence, "area": read_polygons}
-    began_s = time.process_time()
+    began_s = time.thread_time()
     with pytest.raises((MissionFileError, AreaFileError)) as caught:
         readers[read](file)
-    assert time.process_time() - began_s < LATEST_S
+    assert time.thread_time() - began_s < LATEST_S
     return str(caught.value)
 
 
