@@ -275,15 +275,19 @@ class MissionJudge:
         self._judge.check(log.state not in ENDS or progress.state == log.state, t_ns, FORWARD, text)
         if progress.state in ENDS and log.state not in ENDS:
             log.place, log.state, log.ended_ns = place, progress.state, t_ns
-            landed = status is not None and status.landed
-            self._judge.check(_ends_rightly(log, step, landed=landed), t_ns, END, text)
+            cannot_fly = status is None or status.landed or status.odometry is None
+            self._judge.check(_ends_rightly(log, step, cannot_fly=cannot_fly), t_ns, END, text)
             says_why = progress.state != "failed" or bool(progress.reason.partition("; then")[0])
             self._judge.check(says_why, t_ns, "a mission that fails says why", text)
         log.place, log.state = place, progress.state
 
 
-def _ends_rightly(log: MissionLog, step: Any, *, landed: bool) -> bool:
-    """Whether the mission may be in its end, by its last step."""
+def _ends_rightly(log: MissionLog, step: Any, *, cannot_fly: bool) -> bool:
+    """Whether the mission may be in its end, by its last step.
+
+    Args:
+        cannot_fly: the vehicle stands on the ground or its position is unknown, so that no goal can bring it home.
+    """
     number, _, _ = log.place
     if log.state == "stopped":
         return log.stopped
@@ -293,4 +297,4 @@ def _ends_rightly(log: MissionLog, step: Any, *, landed: bool) -> bool:
         return log.takeoff_step == number
     if step.on_failure.then == "skip":
         return False
-    return landed or LAST_ACTIONS.get(step.on_failure.then, "") == log.last_action
+    return cannot_fly or LAST_ACTIONS.get(step.on_failure.then, "") == log.last_action

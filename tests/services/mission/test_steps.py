@@ -216,6 +216,19 @@ def test_a_mission_that_has_ended_is_not_interrupted() -> None:
     assert flown.state == "succeeded"
 
 
+@pytest.mark.parametrize(("command", "state", "step"), [("stop", "stopped", 1), ("skip", "interrupted", 2)])
+def test_a_command_whose_goal_is_lost_with_its_vehicle_is_carried_out(command: str, state: str, step: int) -> None:
+    flown = Flown()
+    flown.epoch_id = 1
+    assert flown.ask(FLYING, Mission(name="m", steps=(STEP, STEP))).accepted
+    flown.step(FLYING)
+    assert flown.command(FLYING, command).accepted
+    flown.epoch_id = 2
+    flown.step(LANDED)
+    assert (flown.state, flown.progress.step) == (state, step)
+    assert flown.command(LANDED, "resume").accepted is (command == "skip")
+
+
 def test_a_wait_that_is_interrupted_or_paused_goes_on_with_its_rest() -> None:
     flown = started(WAIT, STEP)
     for _ in range(3):

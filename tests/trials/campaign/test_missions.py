@@ -24,6 +24,7 @@ from jezero.services.mission.step_run import goal_of
 from jezero.trials.campaign.judge import Judge
 from jezero.trials.campaign.mission import named_random
 from jezero.trials.campaign.missions import AWAY, END, FORWARD, STOPPED, MissionJudge, draw_mission
+from tests.services.preflight import healthy
 
 S = 1_000_000_000
 RETURNS = GoalStep(label="1 go_to", action="go_to", goal={}, on_failure=FailurePolicy(then="return"))
@@ -48,6 +49,7 @@ def status(in_charge: InCharge = "goal", goal_id: str = "", interventions: int =
         interventions=interventions,
         bridge_boot_id=1,
         ready=True,
+        odometry=healthy.status().odometry,
     )
 
 
@@ -194,6 +196,14 @@ def test_a_mission_ends_as_its_steps_say(ends: list[Output], broken: list[str]) 
     script = Script()
     script.put(*ends)
     assert script.broken == broken
+
+
+@pytest.mark.parametrize("cannot_fly", [{"odometry": None}, {"landed": True}])
+def test_a_mission_of_a_vehicle_that_cannot_fly_home_may_end_without_that(cannot_fly: dict[str, Any]) -> None:
+    script = Script()
+    script._status = msgspec.structs.replace(status(), **cannot_fly)
+    script.put(progress("failed", 1))
+    assert script.broken == []
 
 
 def test_every_step_of_a_drawn_mission_is_a_goal_of_its_action() -> None:
