@@ -1,7 +1,7 @@
 # make setup      install into .venv
 # make demo       bring everything up, fly, land, plot
 # make lint       style (ruff), types (mypy --strict), contracts (import-linter); each is a target of its own too
-# make unit       the tests that need neither a flight nor a process: less than three minutes
+# make unit       the tests that need neither a flight nor a stack: two and a half minutes
 # make test       the checks but for long flights: ten minutes or so
 # make test-all   every check, long flights too: less than half an hour; this is what the CI runs
 # make campaign   three minutes of missions with faults; the seeds follow from the commit

@@ -204,7 +204,7 @@ def point_inside(fence: Fence, pos_ned_m: Vec3, inside_m: float) -> Vec3:
         at = nearest(fence, point)
         if at is None or at.inside_m >= inside_m - 1e-3:
             break
-        if abs(at.inside_m) < 1e-6:  # on an outline: a point beside it tells which direction leads away from it
+        if abs(at.inside_m) < 1e-6:  # The point is on the outline. From a point beside it the direction is known.
             point = (point[0] + 1e-3 * cos(number), point[1] + 1e-3 * sin(number), point[2])
             continue
         step = (inside_m - at.inside_m) / at.inside_m

@@ -46,7 +46,6 @@ PAUSED = "paused by a command"
 RESTARTED = "the mission service was restarted"
 REQUESTED = "a hover, an abort or a kill was requested"
 VEHICLE_RESTARTED = "the vehicle was restarted"
-STOPPED = "stopped by a command"
 NO_MISSION = "no mission is flown: send one with jezero mission run FILE"
 Wanted = Literal["", "hold", "skip", "stop"]
 """Next action of the service, once the goal that it has canceled has ended; "" for none."""
@@ -141,16 +140,10 @@ class MissionService:
             return
         self._record = replace(record, epoch_id=clock.epoch_id)
         if record.epoch_id:
-            self._record, self._run = self._after_restart(self._record), None
+            self._run = None
+            after = self._after(self._record, StepEnd("canceled", VEHICLE_RESTARTED), inbox.latest(STATUS))
+            self._record = after if after.ended else after.in_state("interrupted", VEHICLE_RESTARTED)
             yield from self._reply_to_pauses(VEHICLE_RESTARTED, record)
-
-    def _after_restart(self, record: MissionRecord) -> MissionRecord:
-        """The mission of a vehicle that was restarted; what a command wanted of the lost goal is carried out."""
-        wanted, self._wanted = self._wanted, ""
-        if wanted == "stop":
-            return record.in_state("stopped", STOPPED)
-        following = record.without_step() if wanted == "skip" else record.next_attempt(None)
-        return following if following.ended else following.in_state("interrupted", VEHICLE_RESTARTED)
 
     def _watch_interventions(self, inbox: Inbox) -> Iterator[Output]:
         """Interrupt the mission when a person or a failsafe has intervened since it began or went on."""
@@ -259,7 +252,7 @@ class MissionService:
         """The mission after the end of a try."""
         wanted, self._wanted = self._wanted, ""
         if wanted == "stop":
-            return record.in_state("stopped", STOPPED)
+            return record.in_state("stopped", "stopped by a command")
         if wanted == "skip":
             return record.without_step()
         if self._takes_off and end.end == "succeeded":

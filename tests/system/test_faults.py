@@ -194,8 +194,9 @@ def test_a_router_that_dies_or_freezes_comes_back_and_no_other_service_is_restar
         assert changed(shared_stack, before) == {"router"}
         try:
             goal.result(timeout_s=TIMEOUT_S)
-            assert number == signal.SIGKILL, "a frozen router is found after a second, in which the goal has ended"
-        except Aborted as aborted:  # a router that was killed may be back before anybody misses a message
+            # A killed router may be back before the goal misses a message. A frozen one is missed for a second or more.
+            assert number == signal.SIGKILL, "the goal went on without a router"
+        except Aborted as aborted:
             assert re.search(r"no odometry for|no setpoint for|has been silent", str(aborted))
         wait_for_status(vehicle, lambda s: s.code == StatusCode.HOVER, TIMEOUT_S, "hovering")
         vehicle.go_to(0.0, 0.0, -2.0).result(timeout_s=TIMEOUT_S)

@@ -1,5 +1,7 @@
 """What contradicts the rest is found, named and left out."""
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 
@@ -129,48 +131,54 @@ def test_the_rovers_heading_is_corrected_to_that_of_the_tags() -> None:
     assert "the rover's heading was corrected by -46 degrees" in relative.consistency.left_out
 
 
-@pytest.mark.parametrize("error_rad", [0.8, -0.8])
-def test_the_rovers_heading_is_corrected_by_the_path_that_uwb_measures(error_rad: float) -> None:
-    """The vehicle flies to and fro beside a rover that stands, and whose compass is wrong."""
-    relative = RelativeFilter(Tuning(), ValidityConfig(), PlatformConfig())
-    for ms in range(0, 20_000, 50):
-        angle_rad = ms / 2000.0
-        rel_m = np.array((3.0, 4.0 * np.sin(angle_rad), -4.0))
-        vel_mps = np.array((0.0, 2.0 * np.cos(angle_rad), 0.0))
-        relative.add(
-            [
-                OdometryMeasurement(ms * MS, np.concatenate((POS_ROVER_M + rel_m, vel_mps))),
-                RoverOdometryMeasurement(ms * MS, 0.0, YAW_RAD + error_rad, 0.0, 0.03, 0.03, 0.01),
-                UwbMeasurement(ms * MS, LEVER_M, ANCHORS_M, ranges_m(rel_m), np.zeros(4), 0.02),
-            ]
-        )
-        if relative.consistency.heading_turned:
-            break
-    assert relative.consistency.left_out.startswith("the rover's heading was corrected by ")
-    assert relative.estimate is not None
-    assert relative.estimate.yaw_rover_rad == pytest.approx(YAW_RAD, abs=0.15)
-    assert relative.estimate.pos_rel_m == pytest.approx(rel_m, abs=0.5)
+def beside_a_rover(speed_mps: float, heading_error_rad: float) -> Iterator[tuple[list[Measurement], Array]]:
+    """Measurements of 20 s in which the vehicle flies to and fro beside a rover, and the relative position.
 
-
-def test_a_rover_that_drives_while_its_odometry_says_that_it_stands_is_found_by_the_path_of_uwb() -> None:
-    relative, rover_m = RelativeFilter(Tuning(), ValidityConfig(), PlatformConfig()), POS_ROVER_M.copy()
+    Args:
+        speed_mps: of the rover, whose odometry says that it stands.
+        heading_error_rad: of the rover's compass.
+    """
     ahead = np.array((np.cos(YAW_RAD), np.sin(YAW_RAD), 0.0))
     for ms in range(0, 20_000, 50):
         angle_rad = ms / 2000.0
         rel_m = np.array((3.0, 4.0 * np.sin(angle_rad), -4.0))
-        vel_mps = 0.8 * ahead + np.array((0.0, 2.0 * np.cos(angle_rad), 0.0))
-        relative.add(
+        pos_m = POS_ROVER_M + speed_mps * ms / 1000.0 * ahead + rel_m
+        vel_mps = speed_mps * ahead + np.array((0.0, 2.0 * np.cos(angle_rad), 0.0))
+        yield (
             [
-                OdometryMeasurement(ms * MS, np.concatenate((rover_m + rel_m, vel_mps))),
-                RoverOdometryMeasurement(ms * MS, 0.0, YAW_RAD, 0.0, 0.03, 0.03, 0.01),
+                OdometryMeasurement(ms * MS, np.concatenate((pos_m, vel_mps))),
+                RoverOdometryMeasurement(ms * MS, 0.0, YAW_RAD + heading_error_rad, 0.0, 0.03, 0.03, 0.01),
                 UwbMeasurement(ms * MS, LEVER_M, ANCHORS_M, ranges_m(rel_m), np.zeros(4), 0.02),
-            ]
+            ],
+            rel_m,
         )
-        rover_m += 0.05 * 0.8 * ahead
+
+
+@pytest.mark.parametrize("error_rad", [0.8, -0.8])
+def test_the_rovers_heading_is_corrected_by_the_path_that_uwb_measures(error_rad: float) -> None:
+    relative = RelativeFilter(Tuning(), ValidityConfig(), PlatformConfig())
+    for measurements, rel_m in beside_a_rover(0.0, error_rad):
+        relative.add(measurements)
+        if relative.consistency.heading_turned:
+            assert relative.consistency.left_out.startswith("the rover's heading was corrected by ")
+            assert relative.estimate is not None
+            assert relative.estimate.yaw_rover_rad == pytest.approx(YAW_RAD, abs=0.15)
+            assert relative.estimate.pos_rel_m == pytest.approx(rel_m, abs=0.5)
+            return
+    raise AssertionError("the heading was not corrected")
+
+
+def test_a_rover_that_drives_while_its_odometry_says_that_it_stands_is_found_by_the_path_of_uwb() -> None:
+    relative = RelativeFilter(Tuning(), ValidityConfig(), PlatformConfig())
+    for measurements, _ in beside_a_rover(0.8, 0.0):
+        relative.add(measurements)
     assert relative.consistency.left_out.startswith(
         "the rover's speed is left out, as the path by UWB is that of a rover which drives 0.8 m/s faster than"
     )
-    assert relative.estimate is not None and relative.estimate.vel_rover_mps == pytest.approx(0.8 * ahead, abs=0.3)
+    assert relative.estimate is not None
+    assert relative.estimate.vel_rover_mps == pytest.approx(
+        (0.8 * np.cos(YAW_RAD), 0.8 * np.sin(YAW_RAD), 0.0), abs=0.3
+    )
 
 
 class TurnedWindow:

@@ -52,7 +52,7 @@ def test_a_height_that_jumps_is_not_that_of_a_deck() -> None:
 
 @pytest.mark.parametrize(("period_ms", "count", "moves"), [(40, 15, False), (400, 5, False), (40, 45, True)])
 def test_few_heights_and_those_of_a_moment_say_nothing(period_ms: int, count: int, moves: bool) -> None:
-    """Each time it climbs by half a metre per second."""
+    """The measured height grows by half a metre per second in each case."""
     deck = DeckMonitor()
     for step in range(count):
         deck.add_height(step * period_ms * MS, -0.5e-3 * step * period_ms, 0.02)

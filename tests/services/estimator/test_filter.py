@@ -148,7 +148,7 @@ def test_statistics_count_the_measurements_of_one_kind_since_a_time() -> None:
 
 
 def test_uwb_and_tag_that_move_the_filter_to_and_fro_contradict_each_other_for_three_seconds() -> None:
-    """Each alone for some time, so that neither can be judged by the other."""
+    """Each of them measures alone for more than a second, so that the filter can't judge one by the other."""
     rel_m, elsewhere_m = POS_UAV_M - POS_ROVER_M, POS_UAV_M - POS_ROVER_M + np.array((0.0, 20.0, 0.0))
     located, conflicts_ms = RelativeFilter(Tuning(), ValidityConfig(), PlatformConfig()), list[int]()
     for ms in range(0, 12_000, 50):

@@ -123,7 +123,7 @@ class FakeAutopilot:
     def _do(self, message: Any) -> bytes:
         result, text = dialect.MAV_RESULT_ACCEPTED, ""
         if message.command == SET_MODE and not int(message.param1) & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
-            result = dialect.MAV_RESULT_DENIED  # as of PX4, whose modes are all custom ones
+            result = dialect.MAV_RESULT_DENIED  # as PX4 does: all its modes are custom modes
         elif message.command == SET_MODE:
             self.mode = int(message.param2) << 16 | int(message.param3) << 24
         elif message.param1 == 1.0:

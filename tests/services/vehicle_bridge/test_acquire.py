@@ -43,7 +43,7 @@ def test_nothing_takes_off_from_ground_that_moves(vel_mps: tuple[float, float]) 
         assert rig.status.not_ready_reason == expected
 
 
-def test_the_status_says_who_has_got_control_but_not_of_a_goal_that_only_asks() -> None:
+def test_the_status_names_the_goal_that_got_control_and_not_one_that_only_asked() -> None:
     rig = Rig().fly()
     asked = rig.request(ACQUIRE, Acquire(goal_id="later", action="go_to", check_only=True))
     assert asked.reason == "" and "in charge" not in rig.status.text

@@ -73,7 +73,7 @@ def test_ardupilots_parameters_are_left_alone() -> None:
 
 
 def test_the_controller_hears_a_heartbeat_twice_a_second_from_the_start_on() -> None:
-    """PX4 answers on its USB socket only whom it hears."""
+    """Over USB, PX4 replies only to programs whose HEARTBEATs it receives."""
     exchange, codec, times_ms = ParameterExchange(), MavlinkCodec(1, 1), []
     exchange.read(["COM_OBL_RC_ACT"])
     for now_ms in range(0, 1500, 10):

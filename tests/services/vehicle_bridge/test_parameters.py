@@ -38,7 +38,7 @@ def test_integers_travel_as_their_bytes_and_floats_as_floats() -> None:
 
 @pytest.mark.parametrize("value", [-4_194_305, 2_139_095_041])
 def test_an_integer_whose_bytes_are_no_number_of_a_float_is_refused(value: int) -> None:
-    """Such floats are not a number, whose bytes don't survive each way: PX4 has no such parameter."""
+    """An integer travels as the bytes of a float. These bytes are a NaN, which may arrive as another NaN."""
     with pytest.raises(msgspec.ValidationError):
         msgspec.convert(value, ParameterValue)
     msgspec.convert(value - 1 if value > 0 else value + 1, ParameterValue)

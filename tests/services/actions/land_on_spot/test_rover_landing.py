@@ -345,7 +345,7 @@ def test_in_contact_the_feet_are_where_the_present_tilt_puts_them_and_not_the_fi
     landing.q_ned_from_frd = quat_from_euler(0.5, 0.0, 0.0)
     surface = landing.behaviour._on_surface(measured, landing.state())
     assert surface is not None
-    assert surface.offset_ned_m == pytest.approx((0.05, 0.23 - low_m)), "its right side is low, its feet are left"
+    assert surface.offset_ned_m == pytest.approx((0.05, 0.23 - low_m)), "its right side is low: its feet are left"
 
 
 @pytest.mark.parametrize(("height_m", "phase"), [(1.4, "go_around"), (1.6, "approach")])
