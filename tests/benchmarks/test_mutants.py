@@ -7,6 +7,8 @@ import pytest
 
 from benchmarks.quality.mutants import Mutant, all_mutants, find_survivors, mutants_of, with_scenarios
 
+pytestmark = pytest.mark.process
+
 SOURCE = '''"""Not even - this + text or 3."""
 
 SPEED_MAX: Annotated[float, 5] = 2.5

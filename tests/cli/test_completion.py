@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.process
+
 JEZERO = Path(sys.executable).with_name("jezero")
 
 

@@ -22,6 +22,8 @@ from tests.client.rig import free_endpoint
 from tests.keys.rig import make_team
 from tests.runtime.computers import computer
 
+pytestmark = pytest.mark.process
+
 VEHICLE = "uav1"
 LATEST_S = 60.0
 HIDDEN = "lets viewer-eye connect, and shows it nothing of uav1: viewer-eye is revoked, or"

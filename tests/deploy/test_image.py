@@ -15,6 +15,8 @@ import yaml
 from jezero.deploy.hashed_requirements import requirements
 from jezero.deploy.launcher.compose import parse
 
+pytestmark = pytest.mark.process
+
 ROOT = Path(__file__).resolve().parents[2]
 DOCKERFILE = ROOT / "deploy" / "Dockerfile"
 COMPOSE = ROOT / "deploy" / "compose.yaml"

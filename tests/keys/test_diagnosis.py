@@ -19,6 +19,8 @@ from jezero.runtime.instance import HostLinks, socket_of
 from jezero.runtime.routing import ListenError, open_gate, open_router, router_problem
 from tests.keys.rig import add_at, free_port, make_team, router
 
+pytestmark = pytest.mark.process
+
 
 @pytest.fixture(scope="module")
 def team(tmp_path_factory: pytest.TempPathFactory) -> Team:

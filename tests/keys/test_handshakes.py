@@ -22,6 +22,8 @@ from tests.keys.rig import add_at, make_team, router
 from tests.keys.strange_certificates import SERVER, strange_bundle
 from tests.runtime.computers import computer
 
+pytestmark = pytest.mark.process
+
 LATEST_S = 30.0
 
 

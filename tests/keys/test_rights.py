@@ -39,6 +39,8 @@ from jezero.schemas.topics import (
 )
 from tests.keys.rig import free_port, make_team
 
+pytestmark = pytest.mark.process
+
 VEHICLE = "uav1"
 SETTLE_S = 0.5
 """Time in which what is allowed has long arrived."""

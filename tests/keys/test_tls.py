@@ -13,6 +13,8 @@ from jezero.keys.members import KeysError, read_members
 from jezero.keys.team import Team
 from tests.keys.rig import access_control, add_at, make_team, router
 
+pytestmark = pytest.mark.process
+
 CONNECT_TIMEOUT_S = 0.6
 """A link with TLS is there after 10 ms; a refused one is tried again until this time."""
 

@@ -23,6 +23,8 @@ from jezero.schemas.topics import CLOCK, HOVER, KILL, STATUS, key
 from tests.keys.rig import add_at, make_team
 from tests.runtime.computers import computer
 
+pytestmark = pytest.mark.process
+
 VEHICLE = "uav1"
 LATEST_S = 10.0
 MEMBERS = {"80a6": "viewer-eye", "0b0b": "ground-lab", "7e1c": "vehicle-uav1"}

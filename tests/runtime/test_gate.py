@@ -20,6 +20,8 @@ from jezero.schemas.topics import HOVER, ROVER_COMMAND, STATUS, key, liveliness_
 from tests.keys.rig import add_at, make_team
 from tests.runtime.computers import Computer, computer, wait_until
 
+pytestmark = pytest.mark.process
+
 VEHICLE = "uav1"
 BLOCK = zenoh.CongestionControl.BLOCK
 PERIOD_S = 0.02

@@ -41,6 +41,8 @@ from jezero.schemas.topics import (
 )
 from tests.keys.rig import free_port, make_team
 
+pytestmark = pytest.mark.process
+
 VEHICLE = "uav1"
 LATEST_S = 5.0
 PERIOD_S, SENT = 0.01, 100

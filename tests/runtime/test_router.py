@@ -19,6 +19,8 @@ from jezero.runtime.routing import SIZE_MAX_BYTES, bus_of_router, open_router
 from jezero.schemas.topics import CAMERA, HOVER, STATUS, TAKEOFF, feedback_of, key
 from tests.client.rig import free_endpoint
 
+pytestmark = pytest.mark.process
+
 VEHICLE = "uav1"
 LATEST_S = 20.0
 BLOCK = zenoh.CongestionControl.BLOCK

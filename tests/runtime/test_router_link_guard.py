@@ -10,6 +10,8 @@ import pytest
 from jezero.runtime.router import LinkGuard, unsent_bytes
 from tests.system.conftest import wait_for
 
+pytestmark = pytest.mark.process
+
 PERIOD_S = 0.1
 Ends = tuple[socket.socket, socket.socket]
 

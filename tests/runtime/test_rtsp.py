@@ -13,6 +13,8 @@ from jezero.base.picture_link import ArrivedPicture
 from jezero.runtime.video import source_of
 from tests.runtime.test_video import is_picture, next_from, reading, says
 
+pytestmark = pytest.mark.process
+
 SYSTEM_PYTHON = "/usr/bin/python3"
 SERVER = Path(__file__).with_name("rtsp_camera.py")
 HAS_SERVER = "import gi; gi.require_version('GstRtspServer', '1.0'); from gi.repository import GstRtspServer"

@@ -21,6 +21,8 @@ from jezero.base.picture_link import ArrivedPicture, NoPicture, decode_picture
 from jezero.runtime import video
 from jezero.runtime.video import CaptureSource, MjpegSource, OpenSource, SourceError, VideoLink, shown_source, source_of
 
+pytestmark = pytest.mark.process
+
 RATE_HZ = 20.0
 DEADLINE_S = 30.0
 

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -15,6 +16,7 @@ from typing import Self
 import pytest
 
 from jezero import Unreachable, Vehicle
+from jezero.base.config import config_directory
 from jezero.deploy.launcher.ports import instance_environment, reserved_instance, service_environment
 from jezero.runtime.instance import Instance, socket_of
 from jezero.schemas.state import Status, StatusCode
@@ -38,15 +40,20 @@ TIMEOUT = pytest.StashKey[object]()
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Run one stack at a time with `pytest --dist loadgroup`, because a stack needs a core and a half.
+    """Run two stacks at a time with `pytest --dist loadgroup`, because a stack needs up to a processor while it starts.
+
+    Every other file is in the other group; the tests of ROS are in one, because they share what they have built.
 
     A test that fails runs once more, because other programs may keep real processes from a processor; but not in a
     debugger, which pytest-rerunfailures refuses.
     """
     reruns = 0 if config.getoption("usepdb") else 1
+    places = [item.path.relative_to(HERE).parts[0] for item in items if HERE in item.path.parents]
+    number_of = {place: number for number, place in enumerate(sorted(set(places)))}
     for item in items:
         if HERE in item.path.parents:
-            item.add_marker(pytest.mark.xdist_group("stack"))
+            number = number_of[item.path.relative_to(HERE).parts[0]]
+            item.add_marker(pytest.mark.xdist_group(f"stack {number % 2}"))
             item.add_marker(pytest.mark.flaky(reruns=reruns))
 
 
@@ -211,11 +218,13 @@ def in_the_air(vehicle: Vehicle, timeout_s: float = 60.0) -> None:
 
 
 @contextmanager
-def new_stack(folder: Path) -> Iterator[Stack]:
+def new_stack(folder: Path, pictures: bool = False) -> Iterator[Stack]:
     """A stack that `up` starts, with ports of its own; stopped at the end.
 
     Args:
-        folder: for the run folder.
+        folder: for the run folder and the settings.
+        pictures: whether the camera renders them. Else it finds the corners of tags by projection, without which the
+            stack needs 0.4 instead of 0.7 of a processor.
     """
     with reserved_instance(vehicle=f"t{os.getpid()}") as instance:
         run_dir = folder / "run"
@@ -225,12 +234,22 @@ def new_stack(folder: Path) -> Iterator[Stack]:
             "JEZERO_RUN_DIR": str(run_dir),
             "JEZERO_GROUND": "0",  # it takes seconds of a core to start; its own tests start it
         }
+        if not pictures:
+            environment["JEZERO_CONFIG_DIR"] = str(_settings_without_pictures(folder / "settings without pictures"))
         stack = Stack(instance, run_dir, environment)
         stack.choose_autopilot(os.environ.get("JEZERO_AUTOPILOT") or "embedded")
         try:
             yield stack
         finally:
             stack.jezero("down", check=False)
+
+
+def _settings_without_pictures(folder: Path) -> Path:
+    """A copy of the settings, with a camera that renders nothing."""
+    shutil.copytree(config_directory(), folder)
+    camera = folder / "camera.toml"
+    camera.write_text(f'mode = "projected"\n{camera.read_text()}')
+    return folder
 
 
 @contextmanager
@@ -246,10 +265,15 @@ def stack_with_keys(folder: Path, bundle: Path) -> Iterator[Stack]:
         yield stack.up()
 
 
+def _needs_pictures(request: pytest.FixtureRequest) -> bool:
+    """Whether the test or file is marked `pictures`."""
+    return request.node.get_closest_marker("pictures") is not None
+
+
 @pytest.fixture
-def unstarted(tmp_path: Path) -> Iterator[Stack]:
+def unstarted(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Stack]:
     """A stack with ports and keys of its own, for `up` to start."""
-    with new_stack(tmp_path) as stack:
+    with new_stack(tmp_path, _needs_pictures(request)) as stack:
         yield stack
 
 
@@ -274,7 +298,7 @@ def stack(start_stack: Callable[..., Stack]) -> Stack:
 
 
 @pytest.fixture(scope="module")
-def shared_stack(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stack]:
+def shared_stack(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Iterator[Stack]:
     """One stack for all tests of a file, in the state in which the test before has left it."""
-    with new_stack(tmp_path_factory.mktemp("shared")) as stack:
+    with new_stack(tmp_path_factory.mktemp("shared"), _needs_pictures(request)) as stack:
         yield stack.up()

@@ -27,9 +27,12 @@ from tests.scenario.bridge_restarts import RESTARTS, BridgeFlight
 from tests.system.conftest import JEZERO, Stack, has_status, wait_for, wait_for_status
 from tests.system.test_profiles import get_ready_apart
 
-pytestmark = pytest.mark.skipif(
-    not os.environ.get("JEZERO_PX4_DIR"), reason="JEZERO_PX4_DIR names no folder with PX4's bin/px4 and etc/"
-)
+pytestmark = [
+    pytest.mark.pictures,
+    pytest.mark.skipif(
+        not os.environ.get("JEZERO_PX4_DIR"), reason="JEZERO_PX4_DIR names no folder with PX4's bin/px4 and etc/"
+    ),
+]
 LANDS_WITHIN_S = 30.0
 BESIDE_MAX_M = 0.07
 

@@ -19,6 +19,8 @@ from jezero.services.rover_driver.service import COMMAND_LINK, ODOMETRY_LINK, Re
 from jezero.services.uwb.config import UwbDriverConfig
 from jezero.services.uwb.service import LINK, UwbDriver
 
+pytestmark = pytest.mark.process
+
 TIMEOUT_S = 30.0
 PERIOD_S = 0.02
 

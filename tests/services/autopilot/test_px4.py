@@ -15,6 +15,8 @@ from jezero.base.vehicle_config import BatteryConfig
 from jezero.services.autopilot.px4 import command, environment
 from jezero.services.autopilot.px4_link import ChildLink
 
+pytestmark = pytest.mark.process
+
 CONNECTS = """
 import os, signal, socket, subprocess, sys
 print("folder", os.getcwd(), os.listdir(), flush=True)

@@ -21,6 +21,8 @@ from jezero.runtime.routing import open_router
 from jezero.services.autopilot.ground_link import STAMP_NAME, load_stamp, save_stamp
 from tests.services.autopilot.test_mavlink_fuzz import KEY
 
+pytestmark = pytest.mark.process
+
 TIMEOUT_S = 60.0
 SILENCE_S = 1.0
 """An autopilot that runs acknowledges a command within some ms."""

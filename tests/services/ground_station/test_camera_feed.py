@@ -26,6 +26,8 @@ from jezero.services.ground_station.web.camera_feed import RETRY_S, CameraFeed
 from tests.aio.rig import with_vehicle
 from tests.client.rig import Server, endpoint, server
 
+pytestmark = pytest.mark.process
+
 __all__ = ["endpoint", "server"]
 
 TOPICS: tuple[Topic[Any], ...] = (topics.CAMERA, topics.CAMERA_PREVIEW)

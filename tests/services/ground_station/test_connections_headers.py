@@ -9,6 +9,8 @@ pytest.importorskip("nicegui", reason="the extra jezero[ground] is not installed
 
 from tests.services.ground_station.serving import ADDRESS, PASSWORD, ask, opened, serving
 
+pytestmark = pytest.mark.process
+
 STATIC_FILE = re.compile(r'/_nicegui/[^"]+/static/nicegui\.js')
 UPGRADE = "Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n"
 KEY = "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n"

@@ -15,6 +15,8 @@ from jezero.services.ground_station.web.connections import PLACES, REQUEST_TIMEO
 from tests.services.ground_station.serving import ADDRESS, NO_ROUTER, PASSWORD, ask, make_certificate, opened, serving
 from tests.system.conftest import wait_for
 
+pytestmark = pytest.mark.process
+
 WATCHING_MAX, WATCHING_ADDRESS_MAX = PLACES["watching"]
 ATTACKER, PILOT = "127.0.0.3", "127.0.0.4"
 HELD = 250

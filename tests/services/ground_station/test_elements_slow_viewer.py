@@ -10,6 +10,8 @@ from jezero.services.ground_station.web.elements import UNREAD_MAX
 from tests.services.ground_station.serving import NO_ROUTER, serving
 from tests.system.conftest import wait_for
 
+pytestmark = pytest.mark.process
+
 TRICKLE_MAX = 200
 """More than the messages that are sent to a stalled viewer during the test."""
 

@@ -12,6 +12,8 @@ pytest.importorskip("nicegui", reason="the extra jezero[ground] is not installed
 
 from tests.services.ground_station.serving import PASSWORD, ask, make_certificate, serving
 
+pytestmark = pytest.mark.process
+
 FLOOD = 60
 
 

@@ -32,7 +32,7 @@ from jezero.services.ros2_bridge.rows import EXACT, ROWS, TF, RosTopic, ros_name
 from tests.system.conftest import Stack
 from tests.system.ros.conftest import Ros
 
-pytestmark = [pytest.mark.long, pytest.mark.xdist_group("ros"), pytest.mark.timeout(1200)]
+pytestmark = [pytest.mark.long, pytest.mark.pictures, pytest.mark.timeout(1200)]
 LISTENER = Path(__file__).with_name("listener.py")
 START_TIMEOUT_S = 120.0
 EXPORT_TIMEOUT_S = 400.0
