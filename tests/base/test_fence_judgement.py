@@ -82,6 +82,12 @@ def test_exchanged_and_distant_degrees_are_named_where_the_origin_is_known() -> 
     assert "km from the vehicle's origin" in fence_refusal(Fence(keep_in=zone), (18.4446, 77.4509, 0.0))
 
 
+@pytest.mark.parametrize(("north_m", "east_m"), [(60_000.0, 80_000.0), (100_000.0, 0.0), (0.0, -100_000.0)])
+def test_a_zone_that_is_far_away_in_any_direction_is_refused_with_its_distance(north_m: float, east_m: float) -> None:
+    zone = degrees(square(100.0, north_m, east_m))
+    assert "it is 100 km from the vehicle's origin" in fence_refusal(Fence(keep_in=zone), ORIGIN_DEG)
+
+
 def test_an_area_in_parts_is_taken_with_a_warning() -> None:
     wall = metres(((-1, -30), (1, -30), (1, 30), (-1, 30)), "wall")
     fence = Fence(keep_in=metres(square(20.0)), keep_out=(wall,))

@@ -239,23 +239,66 @@ def test_ranges_that_come_back_one_anchor_after_the_other_contradict_nothing() -
     assert np.abs(located.estimate.pos_rel_m - np.array((6.5, 6.0, -7.0))).max() < 0.3
 
 
+def circling(ms: int, turn_rad: float, height_m: float) -> list[Measurement]:
+    """Measurements on a circle of 2 m around the rover, with the place by the tags turned about the rover."""
+    angle_rad = ms / 1000.0
+    place_m = np.array((2.0 * np.cos(angle_rad), 2.0 * np.sin(angle_rad), -height_m))
+    velocity_mps = 2.0 * np.array((-np.sin(angle_rad), np.cos(angle_rad), 0.0))
+    turned_m = np.array((2.0 * np.cos(angle_rad + turn_rad), 2.0 * np.sin(angle_rad + turn_rad), -height_m))
+    return [
+        OdometryMeasurement(ms * MS, np.concatenate((place_m, velocity_mps))),
+        RoverOdometryMeasurement(ms * MS, 0.0, 0.0, 0.0, 0.03, 0.03, 0.01),
+        TagMeasurement(ms * MS, turned_m, turned_m, 1e-4 * np.eye(3), 0.0, None, 1.0),
+    ]
+
+
 def test_a_path_by_the_tags_that_is_turned_leaves_the_tags_out() -> None:
     monitor, kalman, window = ConsistencyMonitor(0.5), kalman_at(POS_UAV_M, 0.05), TurnedWindow(0.0)
     for ms in range(0, 15_000, 50):
         kalman.predict_to(ms * MS)
-        angle_rad = ms / 1000.0
-        place_m = 2.0 * np.array((np.cos(angle_rad), np.sin(angle_rad), -3.0))
-        velocity_mps = 2.0 * np.array((-np.sin(angle_rad), np.cos(angle_rad), 0.0))
-        turned_m = 2.0 * np.array((np.cos(angle_rad + 1.0), np.sin(angle_rad + 1.0), -3.0))
-        measured: list[Measurement] = [
-            OdometryMeasurement(ms * MS, np.concatenate((place_m, velocity_mps))),
-            RoverOdometryMeasurement(ms * MS, 0.0, 0.0, 0.0, 0.03, 0.03, 0.01),
-            TagMeasurement(ms * MS, turned_m, turned_m, 1e-4 * np.eye(3), 0.0, None, 1.0),
-        ]
+        measured = circling(ms, 1.0, 6.0)
         monitor.follow_motion(measured, kalman)
         assert monitor.check_motion(measured, kalman, window) is None  # type: ignore[arg-type]
     assert monitor.tag_left_out.startswith("the tags are left out, as their path is turned by 57 degrees")
     assert monitor.uwb_left_out == monitor.speed_left_out == monitor.heading_turned == ""
+
+
+@pytest.mark.parametrize(
+    ("tags_turn_rad", "left_out"),
+    [
+        (1.0, "the tags are left out, as their path is turned by 57 degrees"),
+        (0.0, "UWB is left out, its path is turned by 57 degrees"),
+    ],
+)
+def test_a_path_by_uwb_that_stays_turned_leaves_out_the_tags_where_they_are_turned_too(
+    tags_turn_rad: float, left_out: str
+) -> None:
+    """The rover's heading was corrected before. Where a turned camera led to that, UWB measures right."""
+    monitor, kalman, window = ConsistencyMonitor(0.5), kalman_at(POS_UAV_M, 0.05), TurnedWindow(1.0)
+    monitor.heading_turned = "the rover's heading was corrected"
+    for ms in range(0, 5000, 50):
+        kalman.predict_to(ms * MS)
+        measured = circling(ms, tags_turn_rad, 2.0)
+        monitor.follow_motion(measured, kalman)
+        assert monitor.check_motion(measured, kalman, window) is None  # type: ignore[arg-type]
+        if monitor.uwb_left_out or monitor.tag_left_out:
+            break
+    assert monitor.left_out.startswith(left_out)
+
+
+def test_tags_that_are_left_out_move_the_estimate_no_more() -> None:
+    """Their camera is turned by 1 rad, and UWB is right."""
+    relative, c, s = RelativeFilter(Tuning(), ValidityConfig(), PlatformConfig()), np.cos(1.0), np.sin(1.0)
+    turn = np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
+    for measurements, rel_m in beside_a_rover(0.0, 0.0):
+        t_ns, turned_m = measurements[0].t_ns, turn @ rel_m
+        relative.add([*measurements, TagMeasurement(t_ns, turned_m, turned_m, 1e-4 * np.eye(3), 0.0, None, 1.0)])
+        if t_ns == 5 * S:
+            break
+    assert relative.consistency.left_out.startswith("the tags are left out, as their path is turned by 57 degrees")
+    assert "uwb" in relative.inputs and "tag" not in relative.inputs
+    assert relative.estimate is not None
+    assert relative.estimate.pos_rel_m == pytest.approx(rel_m, abs=0.1)
 
 
 def test_the_reckoned_way_is_the_integral_of_the_odometry_and_a_gap_counts_as_half_a_second() -> None:

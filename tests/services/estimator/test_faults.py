@@ -1,6 +1,7 @@
 """No message makes the estimator's state anything but finite numbers, and ranges that lie don't move it."""
 
 from collections.abc import Iterable
+from statistics import NormalDist
 
 import msgspec
 import numpy as np
@@ -133,6 +134,22 @@ def test_the_noise_of_the_ranges_is_measured_whatever_moves() -> None:
     assert 0.07 < outlier_filter.std_m < 0.14
     late = UwbRange(t_ns=3000 * MS, anchor=0, pos_anchor_rover_body_m=ANCHORS_M[0], range_m=2.0 + 1.0)
     assert outlier_filter.filter((late,), 0.1) == ()
+
+
+@pytest.mark.parametrize("anchors", [20, 21, 22])
+def test_the_noise_of_the_ranges_is_found_by_any_number_of_them(anchors: int) -> None:
+    """The third range of each anchor differs from the line through the two before by as much as normally distributed
+    ranges with 0.1 m do: such a difference has the variance of 1 + 4 + 1 ranges."""
+    outlier_filter, differences = RangeOutlierFilter(), NormalDist(0.0, 0.1 * 6.0**0.5)
+    for i in range(3):
+        ranges = []
+        for a in range(anchors):
+            fraction = min(a / (anchors - 1), 0.999)
+            off_m = differences.inv_cdf(0.5 + 0.5 * fraction) if i == 2 else 0.0
+            t_ns, range_m = i * 50 * MS, 5.0 + 0.1 * i + off_m
+            ranges.append(UwbRange(t_ns=t_ns, anchor=a, pos_anchor_rover_body_m=ANCHORS_M[0], range_m=range_m))
+        outlier_filter.filter(ranges, 0.1)
+    assert outlier_filter.std_m == pytest.approx(0.1, rel=0.02)
 
 
 def test_the_altimeter_counts_only_where_its_beam_surely_meets_the_platform() -> None:

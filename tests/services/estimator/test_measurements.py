@@ -171,3 +171,11 @@ def test_an_uncertain_time_counts_by_the_speed_at_which_a_range_changes(vel_rove
     uwb = UwbMeasurement(0, np.zeros(3), np.zeros((1, 3)), np.array((9.0,)), np.zeros(1), 0.02, std_time_s=0.01)
     uwb.fuse(kalman, NO_GATE)
     assert seen[0].cov_noise == pytest.approx(np.array([[0.02**2 + (0.01 * rate_mps) ** 2]]))
+
+
+def test_tags_near_the_camera_are_not_believed_to_be_better_than_their_print_and_mounting() -> None:
+    """3 mm. From 0.3 m the detector alone is good to hundredths of a millimetre, and one wrong tag on the board would
+    count for more than all else."""
+    near_m = np.array((0.0, 0.0, -0.3))
+    cov_m2 = TagMeasurement(0, near_m, near_m, 1e-10 * np.eye(3), 0.4, None, 0.02).measurement_cov_m2()
+    assert np.sqrt(np.diag(cov_m2)) == pytest.approx((0.003, 0.003, 0.003), abs=0.0002)

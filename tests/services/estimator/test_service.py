@@ -330,6 +330,23 @@ def test_a_lock_on_a_wrong_place_is_told_and_left() -> None:
     assert rig.relative.valid
 
 
+def test_after_half_a_second_in_which_the_tags_contradict_the_estimate_it_is_invalid_and_names_them() -> None:
+    """A landing must not go on by a place that the only sensor denies."""
+
+    def elsewhere(arrival: Arrival) -> Iterable[Arrival]:
+        t_ns, topic, message = arrival
+        if topic is topics.ESTIMATE_TAG and t_ns > 6 * NS_PER_S:
+            message = replace(message, pos_uav_rel_rover_ned_m=add(message.pos_uav_rel_rover_ned_m, (2.0, 1.0, 0.5)))
+        yield t_ns, topic, message
+
+    rig = Rig(config=TAG_ONLY, tamper=elsewhere)
+    rig.until(6.6)
+    step_ns = 6 * NS_PER_S
+    assert all(r.valid for r in rig.relatives if step_ns - NS_PER_S < r.t_ns < step_ns + NS_PER_S // 5)
+    later = [(r.valid, r.reason) for r in rig.relatives if r.t_ns > step_ns + NS_PER_S // 2]
+    assert later and set(later) == {(False, "the estimate is contradicted by the tag")}
+
+
 @pytest.mark.parametrize("seed", [2, 8])
 def test_odometry_of_the_rover_that_is_garbage_leads_nobody_astray(seed: int) -> None:
     rng = Random(seed)

@@ -6,6 +6,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from jezero.base.frames import geodetic_from_ned
 from jezero.schemas.estimate import SetParameters
 from jezero.schemas.rows import Topic
 from jezero.schemas.state import StatusCode
@@ -17,7 +18,20 @@ from jezero.services.preflight.sensor_checks import (
     check_rover,
     check_sensors,
 )
-from tests.services.preflight.healthy import HEARD, altimeter, baro, gnss, imu, mag, readings, rover, status, tags, uwb
+from tests.services.preflight.healthy import (
+    HEARD,
+    ORIGIN_DEG,
+    altimeter,
+    baro,
+    gnss,
+    imu,
+    mag,
+    readings,
+    rover,
+    status,
+    tags,
+    uwb,
+)
 
 ONE_LOUD_ANCHOR = tuple(
     msgspec.structs.replace(quiet, ranges=(*quiet.ranges[:-1], loud.ranges[-1]))
@@ -135,6 +149,20 @@ def test_the_estimate_may_be_three_standard_deviations_and_a_margin_from_the_fix
     assert f"{north_m:.1f} m from the fixes, whose standard deviation is 0.5 m; 14 satellites" in outcome.text
 
 
+@pytest.mark.parametrize(("north_m", "east_m"), [(12.0, 0.0), (0.0, 12.0)])
+def test_fixes_that_have_moved_away_from_the_estimate_fail_and_those_that_moved_with_it_pass(
+    north_m: float, east_m: float
+) -> None:
+    here = status().odometry
+    assert here is not None
+    position_deg = geodetic_from_ned((north_m, east_m, 0.0), ORIGIN_DEG)
+    fixes = tuple(msgspec.structs.replace(fix, position_deg=position_deg) for fix in gnss())
+    apart = check_gnss(readings({GNSS.name: fixes}))
+    assert apart.verdict == "failed" and "the estimate is 12.0 m from the fixes" in apart.text
+    moved = status(odometry=msgspec.structs.replace(here, pos_uav_ned_m=(north_m, east_m, 0.0)))
+    assert check_gnss(readings({GNSS.name: fixes, STATUS.name: (moved,)})).verdict == "passed"
+
+
 @pytest.mark.parametrize(("satellites", "verdict"), [(5, "warning"), (6, "passed")])
 def test_few_satellites_in_the_newest_fix_warn(satellites: int, verdict: str) -> None:
     outcome = check_gnss(readings({GNSS.name: (*gnss()[:-1], gnss(satellites=satellites)[-1])}))
@@ -179,6 +207,10 @@ def test_the_heading_may_be_20_degrees_from_magnetic_north(error_deg: float, ver
         ((0.3, 0.0, 0.6), "the field has 0.67 gauss and points 63° down, at this place it is 0.48 gauss and 63°"),
         ((0.216, 0.0, -0.43), "points -63° down"),
         ((0.43, 0.0, 0.216), "points 27° down"),
+        ((0.276, 0.0, 0.394), ""),  # 55° down
+        ((0.303, 0.0, 0.374), "points 51° down, at this place it is 0.48 gauss and 63°"),
+        ((0.157, 0.0, 0.455), ""),  # 71° down
+        ((0.125, 0.0, 0.465), "points 75° down"),
     ],
 )
 def test_a_field_that_is_not_the_earths_at_this_place_warns(field_gauss: tuple[float, ...], words: str) -> None:

@@ -61,10 +61,14 @@ def test_a_vehicle_near_the_ground_that_does_not_move_to_its_target_is_wedged(ta
     assert "free it from what holds it" in reason
 
 
+def test_a_vehicle_that_hangs_below_the_edge_of_a_high_platform_is_wedged() -> None:
+    assert "wedged near the ground" in reason_after(5.5, height_m=0.9)
+
+
 @pytest.mark.parametrize(
     ("target", "vehicle"),
     [
-        (CLIMB, {"height_m": 2.0}),
+        (CLIMB, {"height_m": 1.1}),
         (CLIMB, {"speed_mps": 0.3}),
         (CLIMB, {"mode": "POSCTL"}),
         (CLIMB, {"telemetry_age_s": 1.5}),

@@ -110,3 +110,10 @@ def test_a_goal_whose_setpoints_are_all_dropped_ends_with_the_reason() -> None:
     rig.run(1.1, lambda: rig.setpoint(control_id, Phase.LANDING))
     assert rig.status.text.startswith("the goal go to ended: none of its setpoints could be flown for 1.0")
     assert "the phase landing of the goal go to while the vehicle flies to a point" in rig.status.text
+
+
+def test_setpoints_are_stamped_with_the_time_of_the_autopilots_own_clock() -> None:
+    """A log of the autopilot, in which setpoints and states stand side by side, is read by these times."""
+    rig = Rig().fly()
+    rig.run(1.0)
+    assert rig.autopilot.setpoints[-1].time_boot_ms == pytest.approx(rig.autopilot.t_us / 1000, abs=100)

@@ -7,6 +7,7 @@ from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.service import Health
 from jezero.schemas.commands import Phase
 from jezero.schemas.state import StatusCode
+from jezero.schemas.units import NS_PER_S
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.service import VehicleBridge
 from tests.services.vehicle_bridge.rig import FakeAutopilot, Rig
@@ -35,6 +36,20 @@ def health_of(rig: Rig) -> str:
 
 def test_with_the_same_key_the_vehicle_flies() -> None:
     rig = SignedRig(KEY, KEY)
+    rig.ready()
+    rig.go("takeoff", Phase.TAKEOFF)
+    assert rig.status.code == StatusCode.TAKEOFF
+    assert rig.autopilot.setpoints
+    assert "signature" not in health_of(rig)
+
+
+def test_a_signed_link_still_carries_messages_both_ways_after_two_minutes() -> None:
+    """A receiver drops what was signed more than a minute from its own clock."""
+    rig = SignedRig(KEY, KEY)
+    rig.ready()
+    for _ in range(4):
+        rig.box.wall_ns += 30 * NS_PER_S
+        rig.step()
     rig.ready()
     rig.go("takeoff", Phase.TAKEOFF)
     assert rig.status.code == StatusCode.TAKEOFF

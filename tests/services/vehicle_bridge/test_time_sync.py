@@ -70,6 +70,7 @@ def test_the_controllers_time_is_known_whatever_its_clocks_rate_is(rate: float) 
     offset = controller.sync.offset
     assert offset is not None
     assert offset.rate == pytest.approx(rate, abs=30e-6)
+    assert offset.spread_ns < MS // 5, "health would say that the clock of a good line is hardly known"
     controller.host_ns += 2 * S  # without a reply
     assert abs(controller.error_ns) < MS
 

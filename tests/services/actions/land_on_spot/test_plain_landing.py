@@ -6,7 +6,7 @@ from math import hypot
 import pytest
 from msgspec.structs import replace
 
-from jezero.base.frames import Quat, Vec3, quat_from_euler, subtract
+from jezero.base.frames import Quat, Vec3, add, quat_from_euler, subtract
 from jezero.schemas.commands import Phase
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.land_on_spot.config import LandOnSpotConfig, PlainLandingConfig
@@ -56,10 +56,17 @@ def test_it_approaches_at_least_a_metre_and_a_half_above_what_the_altimeter_meas
     assert (move.pos_ned_m[1] == 0.0) is climbs, "it climbs first, and comes nearer then"
 
 
+@pytest.mark.parametrize("spot_ned_m", [STILL, (30.0, -20.0, 0.0)])
 @pytest.mark.parametrize("direction", [(1.0, 0.0), (0.0, -1.0)])
-def test_a_vehicle_that_slides_over_the_ground_climbs_and_comes_down_again(direction: tuple[float, float]) -> None:
-    behaviour, t_ns = landing(STILL, at((0.0, 0.0, -2.0), 2.0)), 0
+def test_a_vehicle_that_slides_over_the_ground_climbs_and_comes_down_again(
+    direction: tuple[float, float], spot_ned_m: Vec3
+) -> None:
     north, east = direction
+
+    def at_spot(slid_m: float, height_m: float) -> VehicleState:
+        return at(add(spot_ned_m, (north * slid_m, east * slid_m, -height_m)), height_m)
+
+    behaviour, t_ns = landing(spot_ned_m, at_spot(0.0, 2.0)), 0
     moves: list[Move] = []
 
     def step(state: VehicleState) -> Move:
@@ -71,16 +78,16 @@ def test_a_vehicle_that_slides_over_the_ground_climbs_and_comes_down_again(direc
         return move
 
     while behaviour.approaches:
-        step(at((0.0, 0.0, -2.0), 2.0))
+        step(at_spot(0.0, 2.0))
     slid_m = 0.0
-    while (move := step(at((north * slid_m, east * slid_m, -0.15), 0.05))).feedback.phase != "go_around":
+    while (move := step(at_spot(slid_m, 0.05))).feedback.phase != "go_around":
         slid_m += 0.01  # 0.5 m/s
         assert slid_m < 1.0
     assert slid_m > 0.15
     assert move.vel_ned_mps == pytest.approx((0.0, 0.0, -1.5)), "upwards"
-    assert step(at((north * slid_m, east * slid_m, -1.4), 1.4)).vel_ned_mps == pytest.approx((0.0, 0.0, -1.5))
-    step(at((north * slid_m, east * slid_m, -1.6), 1.6))
-    again = step(at((north * slid_m, east * slid_m, -1.6), 1.6)).vel_ned_mps
+    assert step(at_spot(slid_m, 1.4)).vel_ned_mps == pytest.approx((0.0, 0.0, -1.5))
+    step(at_spot(slid_m, 1.6))
+    again = step(at_spot(slid_m, 1.6)).vel_ned_mps
     assert again is not None and again[2] > 0.0
 
 

@@ -112,3 +112,9 @@ def test_only_another_run_of_the_bridge_than_the_one_that_has_confirmed_the_goal
     assert lease.loss_reason(GRANTED_NS + 30 * MS, ours) == ""  # type: ignore[arg-type]
     assert lease.bridge_loss_reason(GRANTED_NS + 30 * MS, ours) == ""  # type: ignore[arg-type]
     assert lease.bridge_loss_reason(GRANTED_NS + 30 * MS, other) == "the vehicle bridge restarted"  # type: ignore[arg-type]
+
+
+def test_a_loss_of_control_ends_the_goal_also_when_a_newer_status_has_arrived_with_it() -> None:
+    """A computer that stood still for a moment gets both in one step, and the goal must not fly on after a pilot."""
+    taken = replace(status(40, PRESENT, grant=3), code=int(StatusCode.EXTERNAL), text="a pilot has taken over")
+    assert loss(granted(), taken, status(60, PRESENT, grant=3)) == "a pilot has taken over"
