@@ -15,7 +15,7 @@ from jezero.trials.landing.flight import fly_landing
 from jezero.trials.landing.trial import Conditions
 from tests.recording.rig import record
 
-pytestmark = pytest.mark.long
+pytestmark = [pytest.mark.long, pytest.mark.xdist_group("tune")]
 
 TRUE_TOPICS = ("truth", "simulator/scene")
 

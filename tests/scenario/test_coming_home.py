@@ -31,7 +31,7 @@ SURVEY = GoalStep(
 
 DEMONSTRATION_S = 103.0
 """Time in the air of `jezero demo`'s mission."""
-TENTHS = [pytest.param(tenth, marks=() if tenth in (3, 6, 9) else pytest.mark.slow) for tenth in range(1, 11)]
+TENTHS = [pytest.param(tenth, marks=() if tenth in (3, 9) else pytest.mark.slow) for tenth in range(1, 11)]
 WAY_HOME = 0.14
 """Charge that the way home needs during the demonstration: 10 % and 30 to 40 s of flight."""
 

@@ -16,6 +16,8 @@ from jezero.report.landings import RecordedLanding, Series, landings
 from jezero.trials.flight import FlightResult, fly_virtually
 from jezero.trials.missions import FLIGHT
 
+pytestmark = pytest.mark.xdist_group("report")
+
 TRUE_TOPICS = ("truth", "simulator/scene")
 BENCHMARK = {"case": "tag", "rover": "turn", "n": 3, "landed": 2, "touchdowns_m": [[0.01, -0.02], [0.0, 0.03]]}
 

@@ -16,6 +16,8 @@ from jezero.trials.flight import fly_virtually
 from jezero.trials.missions import FLIGHT
 from tests.recording.frames_of_viewers import in_map
 
+pytestmark = pytest.mark.xdist_group("viewer scene")
+
 STAND_M = np.array((0.0, 0.0, VehicleConfig().airframe.height_stand_m))
 Messages = dict[str, list[Any]]
 

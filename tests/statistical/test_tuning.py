@@ -35,7 +35,7 @@ RIGHT = {
 TOLERANCE = 0.3
 R_FACTOR = sqrt(10.0)
 """Of a standard deviation whose square, the variance R, is ten times wrong."""
-pytestmark = pytest.mark.timeout(600)
+pytestmark = [pytest.mark.timeout(600), pytest.mark.xdist_group("tuning")]
 
 
 class NoisyTagDetector(TagDetector):

@@ -248,17 +248,22 @@ def check_bag(stack: Stack, seen: Mapping[str, list[dict[str, Any]]]) -> None:
 
 
 def assert_same_as_bag(made: Any, seen: Any, where: str) -> None:
-    """Compare each field of a message of a bag with what arrived in ROS."""
+    """Compare each field of a message of a bag with what arrived in ROS.
+
+    The relative pose's orientation is left out, as it has the newest attitude, which the recorder and the bridge may have
+    at another moment; its conversion has tests of its own.
+    """
     if hasattr(made, "__msgtype__"):
         for name, value in seen.items():
+            if where.endswith("relative_pose.pose.pose") and name == "orientation":
+                continue
             assert_same_as_bag(getattr(made, name), value, f"{where}.{name}")
     elif isinstance(seen, list):
         for i, (a, b) in enumerate(zip(list(made)[:IMAGE_BYTES], seen, strict=True)):
             assert_same_as_bag(a, b, f"{where}[{i}]")
     elif isinstance(seen, float):
-        # The relative pose has the newest attitude, which the recorder and the bridge may have at another moment.
-        same = isclose(made, seen, rel_tol=1e-6, abs_tol=0.05 if "relative" in where or "uncert" in where else 1e-9)
-        assert same or (isnan(made) and isnan(seen)), f"{where}: {seen} in ROS, {made} in the bag"
+        same = isclose(made, seen, rel_tol=1e-6, abs_tol=1e-9) or (isnan(made) and isnan(seen))
+        assert same, f"{where}: {seen} in ROS, {made} in the bag"
     else:
         assert made == seen, where
 
