@@ -1,7 +1,7 @@
 # make setup      install into .venv
 # make demo       bring everything up, fly, land, plot
 # make lint       style (ruff), types (mypy --strict), contracts (import-linter); each is a target of its own too
-# make unit       the tests that need neither a flight nor a stack: two and a half minutes
+# make unit       the tests that need neither a flight nor a process: two minutes
 # make test       the checks but for long flights: ten minutes or so
 # make test-all   every check, long flights too: less than half an hour; this is what the CI runs
 # make campaign   three minutes of missions with faults; the seeds follow from the commit
@@ -58,10 +58,10 @@ unit: setup
 	$(BIN)/pytest -q -n 4 --dist loadgroup -m "not process and not long and not slow" --ignore tests/scenario --ignore tests/system --ignore tests/statistical
 
 test: lint
-	$(BIN)/pytest -q -n 3 --dist loadgroup -m "not long and not slow"
+	$(BIN)/pytest -q -n 4 --dist loadgroup -m "not long and not slow"
 
 test-all: lint
-	$(BIN)/pytest -q -n 3 --dist loadgroup
+	$(BIN)/pytest -q -n 4 --dist loadgroup
 
 campaign: setup
 	$(BIN)/jezero campaign --commit HEAD --minutes 3 --jobs 2

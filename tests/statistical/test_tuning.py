@@ -78,7 +78,7 @@ def assert_right(result: TuningResult) -> None:
         assert result.settings[setting] == pytest.approx(value, rel=TOLERANCE), setting
 
 
-@pytest.mark.parametrize("factor", [10.0, 0.1])
+@pytest.mark.parametrize("factor", [10.0, pytest.param(0.1, marks=pytest.mark.slow)])
 def test_standard_deviations_that_are_all_ten_times_wrong_are_named(factor: float, flights: list[Path]) -> None:
     result = tune(flights, {setting: f"{factor * value:g}" for setting, value in RIGHT.items()})
     assert_right(result)

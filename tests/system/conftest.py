@@ -218,13 +218,13 @@ def in_the_air(vehicle: Vehicle, timeout_s: float = 60.0) -> None:
 
 
 @contextmanager
-def new_stack(folder: Path, pictures: bool = False) -> Iterator[Stack]:
+def new_stack(folder: Path, whole: bool = False) -> Iterator[Stack]:
     """A stack that `up` starts, with ports of its own; stopped at the end.
 
     Args:
         folder: for the run folder and the settings.
-        pictures: whether the camera renders them. Else it finds the corners of tags by projection, without which the
-            stack needs 0.4 instead of 0.7 of a processor.
+        whole: as users start it. Else nothing is recorded, and the camera finds the corners of tags by projection:
+            without pictures and recorder the stack needs 0.4 instead of 0.7 of a processor.
     """
     with reserved_instance(vehicle=f"t{os.getpid()}") as instance:
         run_dir = folder / "run"
@@ -234,8 +234,9 @@ def new_stack(folder: Path, pictures: bool = False) -> Iterator[Stack]:
             "JEZERO_RUN_DIR": str(run_dir),
             "JEZERO_GROUND": "0",  # it takes seconds of a core to start; its own tests start it
         }
-        if not pictures:
-            environment["JEZERO_CONFIG_DIR"] = str(_settings_without_pictures(folder / "settings without pictures"))
+        if not whole:
+            settings = settings_without_pictures(folder / "settings without pictures")
+            environment |= {"JEZERO_CONFIG_DIR": str(settings), "JEZERO_RECORD": "0"}
         stack = Stack(instance, run_dir, environment)
         stack.choose_autopilot(os.environ.get("JEZERO_AUTOPILOT") or "embedded")
         try:
@@ -244,7 +245,7 @@ def new_stack(folder: Path, pictures: bool = False) -> Iterator[Stack]:
             stack.jezero("down", check=False)
 
 
-def _settings_without_pictures(folder: Path) -> Path:
+def settings_without_pictures(folder: Path) -> Path:
     """A copy of the settings, with a camera that renders nothing."""
     shutil.copytree(config_directory(), folder)
     camera = folder / "camera.toml"
@@ -265,15 +266,15 @@ def stack_with_keys(folder: Path, bundle: Path) -> Iterator[Stack]:
         yield stack.up()
 
 
-def _needs_pictures(request: pytest.FixtureRequest) -> bool:
-    """Whether the test or file is marked `pictures`."""
-    return request.node.get_closest_marker("pictures") is not None
+def _is_whole(request: pytest.FixtureRequest) -> bool:
+    """Whether the test or file is marked `whole`."""
+    return request.node.get_closest_marker("whole") is not None
 
 
 @pytest.fixture
 def unstarted(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Stack]:
     """A stack with ports and keys of its own, for `up` to start."""
-    with new_stack(tmp_path, _needs_pictures(request)) as stack:
+    with new_stack(tmp_path, _is_whole(request)) as stack:
         yield stack
 
 
@@ -300,5 +301,5 @@ def stack(start_stack: Callable[..., Stack]) -> Stack:
 @pytest.fixture(scope="module")
 def shared_stack(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Iterator[Stack]:
     """One stack for all tests of a file, in the state in which the test before has left it."""
-    with new_stack(tmp_path_factory.mktemp("shared"), _needs_pictures(request)) as stack:
+    with new_stack(tmp_path_factory.mktemp("shared"), _is_whole(request)) as stack:
         yield stack.up()

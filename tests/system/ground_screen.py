@@ -185,7 +185,7 @@ def stack_with_screen(folder: Path) -> Iterator[Screen]:
     Args:
         folder: for the run folder.
     """
-    with new_stack(folder, pictures=True) as stack, browser_started() as browser:
+    with new_stack(folder, whole=True) as stack, browser_started() as browser:
         shown = open_screen(browser, stack, pages_of(stack))
         shown.shows("On the ground, ready")
         yield shown

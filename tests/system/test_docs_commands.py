@@ -355,7 +355,7 @@ def _interrupt(process: subprocess.Popen[bytes], shown: str, timeout_s: float = 
 def reader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Reader]:
     """One reader for all pages."""
     folder = tmp_path_factory.mktemp("reader")
-    with new_stack(folder, pictures=True) as stack:
+    with new_stack(folder, whole=True) as stack:
         stack.environment["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
         stack.environment["PYTHONPATH"] = str(ROOT)
         stack.environment["XDG_CONFIG_HOME"] = str(folder / "config")  # for the keys of a team

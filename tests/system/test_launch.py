@@ -290,7 +290,7 @@ def test_mistakes_are_explained_in_one_line(toy: Stack, words: tuple[str, ...], 
     assert message in done.stderr and "Traceback" not in done.stderr
 
 
-@pytest.mark.pictures
+@pytest.mark.whole
 def test_the_whole_stack_gets_ready_and_leaves_no_process_behind(stack: Stack) -> None:
     shown = rows(stack)
     assert {"router", "simulator", "autopilot", "vehicle_bridge", *topics.ACTIONS} <= set(shown)

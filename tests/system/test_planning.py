@@ -49,7 +49,7 @@ def planning(server: int, vehicle: Vehicle) -> Iterator[tuple[Future[Any], int, 
 
 
 @pytest.mark.long
-@pytest.mark.pictures
+@pytest.mark.whole
 def test_a_goal_whose_planner_hangs_is_canceled_at_once_and_one_whose_planner_dies_is_refused(stack: Stack) -> None:
     server = stack.processes_cached["area_coverage"]
     with stack.connect() as vehicle:

@@ -27,7 +27,7 @@ def open_to_others(folder: Path) -> list[str]:
 
 @pytest.mark.usefixtures("open_umask")
 def test_a_stack_and_a_flight_in_it_leave_nothing_that_others_can_read(tmp_path: Path) -> None:
-    with new_stack(tmp_path, pictures=True) as stack:
+    with new_stack(tmp_path, whole=True) as stack:
         stack.up()
         (tmp_path / "fence.yaml").write_text("keep_in: [[-50, -50], [50, -50], [50, 50], [-50, 50]]\n")
         stack.jezero("fence", "set", str(tmp_path / "fence.yaml"))

@@ -28,7 +28,7 @@ from tests.system.conftest import JEZERO, Stack, has_status, wait_for, wait_for_
 from tests.system.test_profiles import get_ready_apart
 
 pytestmark = [
-    pytest.mark.pictures,
+    pytest.mark.whole,
     pytest.mark.skipif(
         not os.environ.get("JEZERO_PX4_DIR"), reason="JEZERO_PX4_DIR names no folder with PX4's bin/px4 and etc/"
     ),

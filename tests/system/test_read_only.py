@@ -25,6 +25,7 @@ exec setpriv --no-new-privs --bounding-set=-all --inh-caps=-all -- "$@"
 BEFORE = ("unshare", "--user", "--map-root-user", "--mount", "sh", "-c", CONTAINER, "sh")
 
 
+@pytest.mark.whole
 def test_it_flies_and_writes_nowhere_else(unstarted: Stack, tmp_path: Path) -> None:
     home = tmp_path / "home"
     home.mkdir()

@@ -23,7 +23,7 @@ from jezero.schemas import topics
 from jezero.schemas.state import StatusCode
 from tests.system.conftest import Stack, wait_for, wait_for_status
 
-pytestmark = pytest.mark.pictures
+pytestmark = pytest.mark.whole
 TIMEOUT_S = 60.0
 GAP_MAX_S = 1.0
 """Longest gap of a topic and longest reply, on a busy machine. A reader that is waited for costs 5 s and more."""

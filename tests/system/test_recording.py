@@ -47,7 +47,7 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     shutil.copytree(config_directory(), folder / "config")
     (folder / "config" / "recorder.toml").write_text('images = "png"\n')
     (folder / "config" / "vehicle.toml").write_text("[camera]\nrate_hz = 5.0\n")
-    with new_stack(folder, pictures=True) as stack:
+    with new_stack(folder, whole=True) as stack:
         stack.environment["JEZERO_CONFIG_DIR"] = str(folder / "config")
         for words in FLIGHTS:
             stack.up()
@@ -165,7 +165,7 @@ def receive_until(client: FoxgloveClient, condition: Callable[[], object], descr
 
 
 @pytest.mark.long
-@pytest.mark.pictures
+@pytest.mark.whole
 def test_foxglove_watches_a_running_stack_and_goes_on_after_its_restart(stack: Stack) -> None:
     watch = stack.start("watch", "--foxglove", "--port", "0", "--json")
     assert watch.stdout is not None

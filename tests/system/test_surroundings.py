@@ -378,7 +378,7 @@ def test_the_reservation_of_an_instance_follows_and_changes_no_file(
 
 
 @pytest.mark.long
-@pytest.mark.pictures
+@pytest.mark.whole
 def test_a_command_that_takes_images_and_is_killed_leaves_a_folder_that_can_be_drawn_and_mapped(
     stack: Stack, tmp_path: Path
 ) -> None:

@@ -13,7 +13,7 @@ import pytest
 from jezero import Unreachable, Vehicle
 from jezero.deploy.twin.twin import CONTROLLER, SETTINGS
 from jezero.schemas.state import StatusCode
-from tests.system.conftest import JEZERO, Stack, wait_for, wait_for_status
+from tests.system.conftest import JEZERO, Stack, settings_without_pictures, wait_for, wait_for_status
 
 pytestmark = [pytest.mark.timeout(400)]
 START_TIMEOUT_S = 120.0
@@ -23,8 +23,9 @@ FLIGHT_TIMEOUT_S = 120.0
 
 @contextmanager
 def running_twin(folder: Path, *words: str, key: Path | None = None) -> Iterator["subprocess.Popen[bytes]"]:
-    """The twin as a process of its own; with a key its flight controller signs."""
+    """The twin as a process of its own, without pictures; with a key its flight controller signs."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("JEZERO_")}
+    environment["JEZERO_CONFIG_DIR"] = str(settings_without_pictures(folder / "settings of the twin"))
     if key is not None:
         environment["JEZERO_MAVLINK_KEY_FILE"] = str(key)
     with (folder / "twin.log").open("wb") as log:

@@ -21,7 +21,7 @@ from jezero.schemas import topics
 from jezero.schemas.sensors import CameraPreview
 from tests.system.conftest import Stack, has_status, wait_for, wait_for_status
 
-pytestmark = [pytest.mark.slow, pytest.mark.pictures, pytest.mark.long, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.slow, pytest.mark.whole, pytest.mark.long, pytest.mark.timeout(900)]
 START_S, FIND_S, STOP_S = 180.0, 240.0, 90.0
 RATE_MIN_HZ, PICTURES = 5.0, 60
 ATTEMPTS = 5

@@ -1,7 +1,6 @@
 """A stack that flies the twin: time, telemetry, ranges and odometry come by lines, as from real hardware."""
 
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -15,7 +14,6 @@ import zenoh
 
 from jezero import TimedOut, Unreachable, Vehicle
 from jezero.base.codec import decode
-from jezero.base.config import config_directory
 from jezero.base.zenoh_client import client_config, data_of
 from jezero.deploy.twin.twin import SETTINGS, VEHICLE
 from jezero.runtime.instance import socket_of
@@ -23,7 +21,7 @@ from jezero.schemas.health import ServiceHealth
 from jezero.schemas.sensors import Altimeter
 from jezero.schemas.state import StatusCode, Truth
 from jezero.schemas.topics import ALTIMETER, TRUTH, health_of, key
-from tests.system.conftest import Stack, wait_for, wait_for_status
+from tests.system.conftest import Stack, settings_without_pictures, wait_for, wait_for_status
 
 TIMEOUT_S = 240.0
 """Of each step of the flight: two stacks on two processors may be slow."""
@@ -32,10 +30,7 @@ TIMEOUT_S = 240.0
 @contextmanager
 def running_twin(folder: Path) -> Iterator[Path]:
     """A twin whose own camera renders nothing; gives its folder, when a stack can start."""
-    settings = folder / "settings"
-    shutil.copytree(config_directory(), settings)
-    camera = settings / "camera.toml"
-    camera.write_text('mode = "projected"\n' + camera.read_text())
+    settings = settings_without_pictures(folder / "settings")
     twin = folder / "twin"
     words = [sys.executable, "-m", "jezero.cli.main", "twin", "--folder", str(twin)]
     environment = {**os.environ, "JEZERO_CONFIG_DIR": str(settings)}

@@ -123,7 +123,7 @@ NOISE = st.lists(st.binary(max_size=40) | FRAGMENTS | FRAGMENTS.map(lambda f: f[
 
 @pytest.mark.long
 @pytest.mark.parametrize("kind", ["nmea", "json"])
-@settings(max_examples=10_000, database=None)
+@settings(max_examples=5_000, database=None)
 @given(noise=NOISE.map(b"".join), cuts=st.lists(st.integers(0, 300), max_size=4))
 def test_no_bytes_raise_however_they_are_cut_and_the_next_good_ones_are_read(
     kind: str, noise: bytes, cuts: list[int]

@@ -150,7 +150,7 @@ NOISE = st.lists(st.binary(max_size=40) | FRAGMENTS | FRAGMENTS.map(lambda f: f[
 
 @pytest.mark.long
 @pytest.mark.parametrize("kind", FORMATS)
-@settings(max_examples=10_000, database=None)
+@settings(max_examples=10_000 // len(FORMATS), database=None)
 @given(noise=NOISE.map(b"".join), cuts=st.lists(st.integers(0, 300), max_size=4))
 def test_no_bytes_raise_however_they_are_cut_and_the_next_good_ones_are_read(
     kind: Format, noise: bytes, cuts: list[int]

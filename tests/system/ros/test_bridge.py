@@ -32,7 +32,7 @@ from jezero.services.ros2_bridge.rows import EXACT, ROWS, TF, RosTopic, ros_name
 from tests.system.conftest import Stack
 from tests.system.ros.conftest import Ros
 
-pytestmark = [pytest.mark.long, pytest.mark.pictures, pytest.mark.timeout(1200)]
+pytestmark = [pytest.mark.long, pytest.mark.whole, pytest.mark.timeout(1200)]
 LISTENER = Path(__file__).with_name("listener.py")
 START_TIMEOUT_S = 120.0
 EXPORT_TIMEOUT_S = 400.0
@@ -250,8 +250,8 @@ def check_bag(stack: Stack, seen: Mapping[str, list[dict[str, Any]]]) -> None:
 def assert_same_as_bag(made: Any, seen: Any, where: str) -> None:
     """Compare each field of a message of a bag with what arrived in ROS.
 
-    The relative pose's orientation is left out, as it has the newest attitude, which the recorder and the bridge may have
-    at another moment; its conversion has tests of its own.
+    The relative pose's orientation is left out, as it has the newest attitude, which the recorder and the bridge may
+    have at another moment; its conversion has tests of its own.
     """
     if hasattr(made, "__msgtype__"):
         for name, value in seen.items():

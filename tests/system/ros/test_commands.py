@@ -22,7 +22,7 @@ from tests.system.conftest import Stack
 from tests.system.ros.conftest import Ros
 from tests.system.ros.test_bridge import running_bridge
 
-pytestmark = [pytest.mark.slow, pytest.mark.pictures, pytest.mark.timeout(1200)]
+pytestmark = [pytest.mark.slow, pytest.mark.whole, pytest.mark.timeout(1200)]
 ACTOR = Path(__file__).with_name("actor.py")
 TIMEOUT_S = 180.0
 SILENCE_S = 1.0

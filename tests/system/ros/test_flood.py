@@ -26,7 +26,7 @@ from tests.system.conftest import ProcessorWait, Stack
 from tests.system.ros.conftest import Ros
 from tests.system.ros.test_bridge import START_TIMEOUT_S, running_bridge
 
-pytestmark = [pytest.mark.slow, pytest.mark.pictures, pytest.mark.timeout(1200)]
+pytestmark = [pytest.mark.slow, pytest.mark.whole, pytest.mark.timeout(1200)]
 FLOODER = Path(__file__).with_name("flooder.py")
 NICE = ("setsid", "sh", "-c", 'echo 10 2>&- > /proc/self/autogroup; exec nice -n 10 "$@"', "nice")
 """ROS gets few of the processors, as if it were on another computer: this test asks what reaches the vehicle through

@@ -25,7 +25,7 @@ from tests.system.conftest import Stack, wait_for
 from tests.system.ros.conftest import Ros
 from tests.system.ros.test_bridge import START_TIMEOUT_S, full_name, running_bridge
 
-pytestmark = [pytest.mark.slow, pytest.mark.pictures, pytest.mark.timeout(1200)]
+pytestmark = [pytest.mark.slow, pytest.mark.whole, pytest.mark.timeout(1200)]
 RECORDER = Path(__file__).with_name("recorder.py")
 LANDING_TIMEOUT_S = 240.0
 STD_UWB_M = 0.04

@@ -28,7 +28,7 @@ from tests.system.ros.test_bridge import running_bridge
 from tests.system.ros.test_commands import Actor, an_actor
 from tests.system.test_twin import FLIGHT_TIMEOUT_S, START_TIMEOUT_S, running_twin
 
-pytestmark = [pytest.mark.slow, pytest.mark.pictures, pytest.mark.timeout(1200)]
+pytestmark = [pytest.mark.slow, pytest.mark.whole, pytest.mark.timeout(1200)]
 KNOT_MPS = 1852.0 / 3600.0
 LANDED_TIMEOUT_S = 400.0
 WITHOUT = ("no odometry for", "no measurement of the rover", "the rate of odometry", "telemetry has been missing")
