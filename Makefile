@@ -58,10 +58,10 @@ unit: setup
 	$(BIN)/pytest -q -n 4 --dist loadgroup -m "not process and not long and not slow" --ignore tests/scenario --ignore tests/system --ignore tests/statistical
 
 test: lint
-	$(BIN)/pytest -q -n 4 --dist loadgroup -m "not long and not slow"
+	$(BIN)/pytest -q -n 3 --dist loadgroup -m "not long and not slow"
 
 test-all: lint
-	$(BIN)/pytest -q -n 4 --dist loadgroup
+	$(BIN)/pytest -q -n 3 --dist loadgroup
 
 campaign: setup
 	$(BIN)/jezero campaign --commit HEAD --minutes 3 --jobs 2

@@ -32,13 +32,14 @@ READERS_OF_IMAGES = ("tag_detector", "get_images", "area_coverage")
 
 
 def replays(path: Path, services: list[str]) -> dict[str, Replay]:
-    return {service: replay_through(path, service) for service in services}
-
-
-def first_differences(path: Path, services: list[str]) -> dict[str, object]:
-    """The first difference of each service whose replay is not identical."""
-    found = replays(path, services)
+    """The replay of each service, which has steps and no gap."""
+    found = {service: replay_through(path, service) for service in services}
     assert all(replay.steps > 0 and replay.gap_s is None for replay in found.values())
+    return found
+
+
+def first_differences(found: dict[str, Replay]) -> dict[str, object]:
+    """The first difference of each service whose replay is not identical."""
     return {service: replay.first_difference for service, replay in found.items() if not replay.identical}
 
 
@@ -53,8 +54,9 @@ def test_every_service_of_a_flight_with_lossless_images_is_replayed_identically(
     assert fly_virtually(MISSION, 1, path, on_images=lambda images: None).reason == ""
     services = journaled_services(path)
     assert {"simulator", "camera", "autopilot", "vehicle_bridge", "estimator", *READERS_OF_IMAGES} <= set(services)
-    assert first_differences(path, services) == {}
-    assert all(replay_through(path, name).lossy_images == 0 for name in READERS_OF_IMAGES)
+    found = replays(path, services)
+    assert first_differences(found) == {}
+    assert all(found[name].lossy_images == 0 for name in READERS_OF_IMAGES)
 
 
 @pytest.mark.parametrize(
@@ -66,4 +68,4 @@ def test_services_of_a_mission_with_faults_are_replayed_identically(seed: int, t
         CampaignMission(seed, record=writer.write).fly()
     of_the_mission = {"simulator", "blank_camera"}  # the first one's outputs are changed by faults before they are sent
     services = sorted(set(journaled_services(path)) - of_the_mission)
-    assert first_differences(path, services) == {}
+    assert first_differences(replays(path, services)) == {}

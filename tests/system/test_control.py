@@ -196,8 +196,8 @@ def test_when_an_action_server_is_killed_its_client_gets_an_error_and_the_vehicl
                 time.sleep(0.1)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("down_s", [0.3, *(pytest.param(s, marks=pytest.mark.slow) for s in (0.9, 1.5, 3.0))])
+@pytest.mark.slow  # in `make test-all`, tests/scenario/test_bridge_restarts.py and tests/system/test_faults.py fly it
+@pytest.mark.parametrize("down_s", [0.3, 0.9, 1.5, 3.0])
 def test_when_the_bridge_dies_the_autopilot_lands_by_itself(
     start_stack: Callable[..., Stack], tmp_path: Path, down_s: float
 ) -> None:
