@@ -206,7 +206,8 @@ class BridgeJudge:
             self._judge.check(False, t_ns, "a silent goal loses control", text)
         elif silent_s > LATE_OWNER_MAX_S and not (self._target is None or self._target.vel_ned_mps is None):
             text = f"{in_charge} sent its last setpoint {silent_s:.2f} s ago, and the vehicle flies on"
-            self._judge.check(self._may_limits_change(), t_ns, "a late goal hovers", text)
+            led = self._may_limits_change() or self._may_fence_change(self._target)
+            self._judge.check(led, t_ns, "a late goal hovers", text)
         if any(request.payload.control_id == owner for request in inbox.requests(topics.RELEASE)):
             text = f"{owner} released control and is still in charge"
             self._judge.check(False, t_ns, "released control stays released", text)
