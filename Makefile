@@ -2,7 +2,7 @@
 # make demo       bring everything up, fly, land, plot
 # make lint       style (ruff), types (mypy --strict), contracts (import-linter); each is a target of its own too
 # make unit       the tests that need neither a flight nor a process: two minutes
-# make test       the checks but for long flights: ten minutes or so
+# make test       the checks but for long flights: eight minutes
 # make test-all   every check, long flights too: twenty minutes; this is what the CI runs
 # make campaign   three minutes of missions with faults; the seeds follow from the commit
 # make broken     fly bridges that are broken on purpose with full physics until each is caught: ten minutes or so

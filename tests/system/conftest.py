@@ -40,9 +40,10 @@ TIMEOUT = pytest.StashKey[object]()
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Run two stacks at a time with `pytest --dist loadgroup`, because a stack needs up to a processor while it starts.
+    """Let `pytest --dist loadgroup` run at most two stacks at a time, because more of them would need more processors.
 
-    Every other file is in the other group; the tests of ROS are in one, because they share what they have built.
+    There are two groups of tests, and each runs in one worker: the files belong to the one and to the other by turns.
+    The tests of ROS 2 are all in the same group, because they share an installation.
 
     A test that fails runs once more, because other programs may keep real processes from a processor; but not in a
     debugger, which pytest-rerunfailures refuses.

@@ -84,7 +84,7 @@ def hosts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Hosts]:
         team.add("ground", "lab")
         world = {"JEZERO_INSECURE": "1"}
         settings = Path(shutil.copytree(config_directory(), folder / "config"))
-        (settings / "vehicle.toml").write_text("[camera]\nrate_hz = 5.0\n")
+        (settings / "vehicle.toml").write_text("[camera]\nrate_hz = 5.0\n")  # pictures cost processor time
         file = settings / "simulator.toml"
         file.write_text(f'rover_host = "{simulator}"\n{file.read_text()}')
         members = {

@@ -45,11 +45,9 @@ def test_a_mission_goes_on_while_its_sender_is_cut_off_and_waits_for_a_person_af
             wait_for(lambda: reached(state, step), timeout_s, f"step {step}, {state}")
             return vehicle.mission.progress()
 
+        ground = {**stack.environment, "JEZERO_ROUTER": f"tcp/127.0.0.1:{link.port}"}
         sender = subprocess.Popen(
-            [*JEZERO, "mission", "run", "--yes", str(file)],
-            env={**stack.environment, "JEZERO_ROUTER": f"tcp/127.0.0.1:{link.port}"},
-            stderr=subprocess.PIPE,
-            text=True,
+            [*JEZERO, "mission", "run", "--yes", str(file)], env=ground, stderr=subprocess.PIPE, text=True
         )
         try:
             wait_for_progress("running", 2, 60)
@@ -67,3 +65,5 @@ def test_a_mission_goes_on_while_its_sender_is_cut_off_and_waits_for_a_person_af
         stack.jezero("mission", "resume")
         wait_for_progress("succeeded", 4, 120)
         assert not vehicle.status().armed
+        shown = subprocess.run([*JEZERO, "mission", "status"], env=ground, capture_output=True, text=True, check=True)
+        assert "patrol: succeeded, 4 steps" in shown.stdout

@@ -206,8 +206,7 @@ class BridgeJudge:
             self._judge.check(False, t_ns, "a silent goal loses control", text)
         elif silent_s > LATE_OWNER_MAX_S and not (self._target is None or self._target.vel_ned_mps is None):
             text = f"{in_charge} sent its last setpoint {silent_s:.2f} s ago, and the vehicle flies on"
-            led = self._may_limits_change() or self._may_fence_change(self._target)
-            self._judge.check(led, t_ns, "a late goal hovers", text)
+            self._judge.check(self._may_be_changed(self._target), t_ns, "a late goal hovers", text)
         if any(request.payload.control_id == owner for request in inbox.requests(topics.RELEASE)):
             text = f"{owner} released control and is still in charge"
             self._judge.check(False, t_ns, "released control stays released", text)
@@ -237,7 +236,7 @@ class BridgeJudge:
         hovers_on = status.code == Code.HOVER and self._previous is not None and self._previous.code == Code.HOVER
         if previous is not None and (gap_s < 1.0 or hovers_on) and _is_same(previous, sent, moved_ned_m):
             return
-        if self._may_fence_change(sent) or self._may_limits_change():
+        if self._may_be_changed(sent):
             return
         if sent.pos_ned_m is not None and self._is_late(t_ns, status):
             self._judge_hover_point(t_ns, inbox, sent.pos_ned_m, previous, moved_ned_m)
@@ -251,6 +250,10 @@ class BridgeJudge:
     def _is_late(self, t_ns: int, status: Status) -> bool:
         """Whether the goal in charge has been silent for so long that the vehicle may hover."""
         return bool(status.grant) and t_ns - self._owner[1] > LATE_OWNER_MIN_S * NS_PER_S
+
+    def _may_be_changed(self, sent: SentTarget) -> bool:
+        """Whether a target that nobody asked for may be sent, because the fence or the vehicle's limits are near."""
+        return self._may_fence_change(sent) or self._may_limits_change()
 
     def _may_limits_change(self) -> bool:
         """Whether the setpoints lead beyond the limits of height and distance, or the vehicle brakes before them."""
