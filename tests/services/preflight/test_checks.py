@@ -4,8 +4,10 @@ from typing import Any
 
 import pytest
 
+from jezero.base.codec import decode, encode
 from jezero.schemas.fence import Fence, FenceState, Zone
 from jezero.schemas.health import ServiceHealth
+from jezero.schemas.preflight import Check
 from jezero.schemas.state import Battery, StatusCode
 from jezero.schemas.topics import CLOCK, FENCE, STATUS
 from jezero.services.preflight.checks import (
@@ -89,6 +91,12 @@ def test_a_service_of_the_landing_that_is_silent_in_two_rounds_fails_and_all_els
     outcome = check_services(readings(**changes))
     assert outcome.verdict == verdict
     assert words in outcome.text
+
+
+def test_a_verdict_of_many_services_is_no_longer_than_a_text_may_be() -> None:
+    ill = {f"package{number}": health(f"package{number}", "degraded", "x" * 200) for number in range(20)}
+    outcome = check_services(readings(health={**readings().health, **ill}))
+    assert decode(Check, encode(outcome)) == outcome
 
 
 @pytest.mark.parametrize("camera", ["camera", "camera_driver"])

@@ -49,6 +49,7 @@ def test_a_landing_goes_through_8_9_0_and_presses_down_until_disarmed() -> None:
     assert rig.status.code == 9
     assert rig.autopilot.setpoints[-1].vz == pytest.approx(0.5)
     assert request not in rig.replies
+    assert rig.request(HOVER, Hover()).reason == "the vehicle stands on the ground and is being disarmed"
     rig.autopilot.landed = True
     rig.run_until(lambda: request in rig.replies, limit_s=1.0)
     assert rig.replies[request].released

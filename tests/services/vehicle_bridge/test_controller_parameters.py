@@ -2,7 +2,9 @@
 
 from collections.abc import Iterator
 
-from jezero.base.mavlink import MavlinkCodec, dialect
+import pytest
+
+from jezero.base.mavlink import MavlinkCodec, Signing, dialect
 from jezero.services.vehicle_bridge.controller_parameters import ParameterExchange
 from tests.services.vehicle_bridge.rig import FakeAutopilot
 
@@ -80,3 +82,18 @@ def test_the_controller_hears_a_heartbeat_twice_a_second_from_the_start_on() -> 
         sent = codec.parse(exchange.step(b"", now_ms * MS))
         times_ms += [now_ms for message in sent if message.get_msgId() == dialect.MAVLINK_MSG_ID_HEARTBEAT]
     assert times_ms == [0, 500, 1000]
+
+
+@pytest.mark.parametrize("same_key", [True, False])
+def test_over_a_signed_link_only_a_controller_with_the_key_reads_and_replies(same_key: bool) -> None:
+    key, since_2015_s = bytes(range(32)), 3.5e8
+    signing = Signing(key if same_key else bytes(32))
+    signing.clock_10us = int(since_2015_s * 1e5) + 1
+    autopilot = FakeAutopilot(signing=signing)
+    autopilot.parameters = {"COM_OBL_RC_ACT": 3}
+    exchange = ParameterExchange(1, key, since_2015_s)
+    exchange.read(["COM_OBL_RC_ACT"])
+    list(run(exchange, autopilot))
+    assert exchange.values == ({"COM_OBL_RC_ACT": 3} if same_key else {})
+    assert bool(exchange.bad_signatures) is not same_key
+    assert bool(autopilot.read_parameters) is same_key

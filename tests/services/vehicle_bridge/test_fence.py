@@ -56,6 +56,23 @@ def test_a_vehicle_that_is_pushed_out_ends_its_goal_with_the_zone_and_returns_in
     assert "it returns inside the fence" in rig.status.text
 
 
+def test_a_vehicle_that_a_goal_led_in_stays_as_long_outside_when_it_is_pushed_out_again() -> None:
+    rig = flying()
+    for _ in range(2):
+        control_id = rig.acquire("go_to").control_id
+
+        def fly(control_id: str = control_id) -> None:
+            rig.setpoint(control_id, Phase.GO_TO, pos_ned_m=(5.0, 0.0, -2.0))
+
+        push_to(rig, 5.0)
+        rig.run(3.0, fly)
+        push_to(rig, 10.6)
+        rig.run_until(lambda: rig.status.code == StatusCode.HOVER, fly)
+        rig.run(1.0)
+        assert rig.autopilot.setpoints[-1].x == pytest.approx(10.6, abs=1e-3)
+    rig.run_until(lambda: rig.autopilot.setpoints[-1].x < 9.5)
+
+
 def test_a_vehicle_that_is_pushed_out_stays_there_by_setting() -> None:
     rig = flying("stop")
     control_id = rig.go("go_to", Phase.GO_TO)

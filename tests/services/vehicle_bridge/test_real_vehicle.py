@@ -123,6 +123,9 @@ def test_a_line_that_is_enough_to_fly_may_be_too_little_for_a_landing_on_the_rov
         f"odometry comes at 10 Hz over {LINK}, and land on spot needs 15 Hz: raise PX4's SER_TEL2_BAUD"
     )
     assert refusal.endswith("jezero return lands with 8 Hz")
+    health = [output for output in rig.outputs if isinstance(output, Health)][-1]
+    assert health.state == "degraded"
+    assert f"; odometry comes at 10 Hz over {LINK}, and land on spot needs 15 Hz" in health.text
     assert rig.acquire("return_home").granted
 
 

@@ -75,6 +75,13 @@ def test_the_controllers_time_is_known_whatever_its_clocks_rate_is(rate: float) 
     assert abs(controller.error_ns) < MS
 
 
+def test_a_request_is_due_once_a_period() -> None:
+    sync = TimeSync()
+    begin_ns, step_ns = 1000 * S, PERIOD_NS // 5
+    due = [sync.due(begin_ns + step * step_ns) for step in range(11)]
+    assert [step for step, is_due in enumerate(due) if is_due] == [0, 5, 10]
+
+
 @pytest.mark.parametrize("known_after", [1, 5])
 def test_the_time_is_unknown_until_enough_replies_have_come(known_after: int) -> None:
     controller = Controller(TimeSync(known_after))

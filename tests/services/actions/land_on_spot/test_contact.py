@@ -165,15 +165,16 @@ def test_a_vehicle_that_rests_beside_the_platform_has_not_touched_down_on_it(off
     ],
     ids=["held", "too high", "the altimeter sees a gap", "it sinks"],
 )
+@pytest.mark.parametrize("below_takeoff_m", [0.0, 30.0, -30.0])
 def test_a_heaving_deck_holds_a_vehicle_that_does_not_sink_though_it_is_pushed_down(
-    sinks_mps: float, height_m: float, range_m: float | None, held: bool
+    below_takeoff_m: float, sinks_mps: float, height_m: float, range_m: float | None, held: bool
 ) -> None:
     """Its height and speed over the platform are too uncertain, as by UWB close to the anchors."""
     uncertain = PlatformState((0.0, 0.0, -height_m), (0.0, 0.0, 0.4), (0.0, 0.0, 0.0), 0.0, std_height_m=0.3)
     detector, found = TouchdownDetector(VehicleConfig()), []
     for step in range(300):
         t_s = 0.02 * step
-        down_m = 0.25 * sin(1.25 * t_s) + sinks_mps * t_s
+        down_m = below_takeoff_m + 0.25 * sin(1.25 * t_s) + sinks_mps * t_s
         found.append(detector.update(step * 20_000_000, uncertain, range_m, deck_motion(), down_m))
     assert any(found) is held
     assert not any(found[:180])

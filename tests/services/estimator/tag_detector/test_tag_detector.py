@@ -246,8 +246,23 @@ def test_a_tag_that_is_hardly_told_from_the_noise_does_not_count(board: Grey) ->
 def test_a_tag_of_which_a_bit_was_corrected_does_not_count(hamming: int, counts: bool) -> None:
     corners = np.array(((100.0, 200.0), (200.0, 200.0), (200.0, 100.0), (100.0, 100.0)))
     found = SimpleNamespace(hamming=hamming, decision_margin=99.0, corners=corners, tag_id=BIG_ID)
-    frame = photograph(np.zeros((8, 8), np.uint8), 8, (0.1, 0.0, -2.0), quat_from_euler(0.0, 0.0, 0.0), 0.0)
-    assert (Finder(CONFIG)._tag(found, frame) is not None) is counts
+    assert (Finder(CONFIG)._tag(found, black_picture()) is not None) is counts
+
+
+def black_picture() -> CameraFrame:
+    return photograph(np.zeros((8, 8), np.uint8), 8, (0.1, 0.0, -2.0), quat_from_euler(0.0, 0.0, 0.0), 0.0)
+
+
+@pytest.mark.parametrize("margin_px", [2.0, 1.8])
+@pytest.mark.parametrize("edge", ["left", "right", "top", "bottom"])
+def test_a_tag_within_two_pixels_of_an_edge_of_the_picture_does_not_count(edge: str, margin_px: float) -> None:
+    """The library's pixels begin half a pixel before ours."""
+    square_px = np.array(((0.0, 50.0), (50.0, 50.0), (50.0, 0.0), (0.0, 0.0)))
+    left_px = {"left": margin_px, "right": WIDTH_PX - 1 - 50.0 - margin_px}.get(edge, 100.0)
+    top_px = {"top": margin_px, "bottom": HEIGHT_PX - 1 - 50.0 - margin_px}.get(edge, 100.0)
+    corners_px = square_px + np.array((left_px + 0.5, top_px + 0.5))
+    found = SimpleNamespace(hamming=0, decision_margin=99.0, corners=corners_px, tag_id=BIG_ID)
+    assert (Finder(CONFIG)._tag(found, black_picture()) is not None) is (margin_px == 2.0)
 
 
 def test_a_tag_that_touches_the_edge_of_the_picture_does_not_count(board: Grey) -> None:
