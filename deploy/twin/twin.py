@@ -6,6 +6,7 @@ Nothing else crosses: the twin has a router, a name and ports of its own, and a 
 import os
 import re
 import select
+import shlex
 import shutil
 import signal
 import socket
@@ -17,11 +18,12 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
 
-from jezero.base.config import config_directory
+from jezero.base.config import WORLD_VARIABLE, config_directory
 from jezero.deploy.launcher.ports import HOST, instance_environment, reserved_instance
 from jezero.deploy.twin.camera import DELAY_S, serving_camera
 from jezero.deploy.twin.line import Line
 from jezero.deploy.twin.modules import Modules, running_modules
+from jezero.keys.controller_key import CONTROLLER_KEY_VARIABLE
 from jezero.runtime.instance import Instance
 
 VEHICLE = "twin"
@@ -64,6 +66,20 @@ def set_field(path: Path, field: str, value: str, table: str = "") -> None:
     else:
         text += f"\n[{table}]\n{field} = {value}\n"
     path.write_text(text, encoding="utf-8")
+
+
+def flying_command(settings: Path) -> str:
+    """The command that flies the twin, with the world and the key of this process, which its stack needs too.
+
+    Args:
+        settings: the folder of `write_settings`.
+    """
+    variables = {"JEZERO_CONFIG_DIR": str(settings)}
+    for name in (WORLD_VARIABLE, CONTROLLER_KEY_VARIABLE):
+        if given := os.environ.get(name):  # a world may be a name
+            variables[name] = str(Path(given).resolve()) if Path(given).is_file() else given
+    words = " ".join(f"{name}={shlex.quote(value)}" for name, value in variables.items())
+    return f"{words} jezero up --profile onboard --profile rover --profile ground"
 
 
 @contextmanager
@@ -176,10 +192,7 @@ def run_twin(folder: Path, baud: int, drift_ppm: float) -> int:
             for name, device in modules.devices.items():
                 print(f"{name:<18} {device}")
             print(f"camera             {camera}")
-            print("fly it with        ", end="")
-            print(
-                f"JEZERO_CONFIG_DIR={settings} jezero up --profile onboard --profile rover --profile ground", flush=True
-            )
+            print(f"fly it with        {flying_command(settings)}", flush=True)
             twin.run()
         finally:
             twin.close()

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from jezero.base.extras import require
+from jezero.cli.options import world_option
 
 
 @click.command()
@@ -14,6 +15,7 @@ from jezero.base.extras import require
               help="How much faster its clock runs than this computer's.")  # fmt: skip
 @click.option("--folder", type=click.Path(path_type=Path, file_okay=False), default=Path("runs/twin"),
               show_default=True, help="Folder of its devices, settings and logs.")  # fmt: skip
+@world_option
 def twin(baud: int, drift_ppm: float, folder: Path) -> None:
     """Run a simulated vehicle as hardware would be, to rehearse on it before the first propeller turns.
 
