@@ -113,6 +113,7 @@ def test_a_short_difference_is_normal() -> None:
 
 def test_the_altimeter_is_not_compared_over_other_ground_nor_above_its_range() -> None:
     assert climbed(3.0, range_m=6.0, barometer_m=3.0, way_m=4.0).problem == ""
+    assert "the altimeter is wrong" in climbed(4.0, range_m=6.0, barometer_m=4.0, way_m=2.0).problem
     assert climbed(9.0, range_m=None, barometer_m=9.0).problem == ""
     assert "one of the two is wrong" in climbed(9.0, range_m=None, barometer_m=0.0).problem
 

@@ -58,6 +58,8 @@ def test_a_second_goal_is_refused_with_who_is_in_charge_and_the_status() -> None
     reply = rig.request(ACQUIRE, Acquire(goal_id="other", action="go_to"))
     assert not reply.granted
     assert reply.reason == "the goal go to is in charge: wait for it or abort it"
+    rig.step()
+    assert rig.status.text == "the goal go to has begun"
 
 
 def test_of_two_goals_in_one_step_the_first_is_accepted() -> None:

@@ -97,3 +97,19 @@ def test_over_a_signed_link_only_a_controller_with_the_key_reads_and_replies(sam
     assert exchange.values == ({"COM_OBL_RC_ACT": 3} if same_key else {})
     assert bool(exchange.bad_signatures) is not same_key
     assert bool(autopilot.read_parameters) is same_key
+
+
+def test_over_a_signed_link_replies_are_taken_also_after_minutes() -> None:
+    """A receiver drops what was signed more than a minute from its own clock."""
+    key = bytes(range(32))
+    signing = Signing(key)
+    autopilot = FakeAutopilot(signing=signing)
+    autopilot.parameters = {"COM_OBL_RC_ACT": 3}
+    exchange = ParameterExchange(1, key)
+    exchange.step(b"", 0)
+    exchange.read(["COM_OBL_RC_ACT"])
+    minutes_ns = 150 * 1_000_000_000
+    signing.clock_10us = minutes_ns // 10_000
+    sent = exchange.step(b"", minutes_ns)
+    exchange.step(autopilot.handle(sent), minutes_ns + 10 * MS)
+    assert exchange.values == {"COM_OBL_RC_ACT": 3}

@@ -114,6 +114,19 @@ def test_a_jump_of_the_clock_is_followed_within_half_a_second_and_one_late_reply
     assert abs(controller.error_ns) < MS
 
 
+def test_replies_that_are_late_on_the_way_there_and_on_the_way_back_in_turn_are_no_jump() -> None:
+    controller = Controller(TimeSync())
+    controller.run(10.0)
+    before = controller.sync.offset
+    for number in range(6):
+        controller.host_ns += PERIOD_NS
+        assert controller.sync.due(controller.host_ns)
+        error_ns = 300 * MS if number % 2 == 0 else -300 * MS
+        controller.sync.on_reply(controller.now_ns + error_ns, controller.host_ns, controller.host_ns + MS)
+    assert (controller.sync.jumps, controller.sync.boots) == (0, 0)
+    assert controller.sync.offset is before
+
+
 def test_a_boot_is_a_boot_and_no_jump() -> None:
     controller = Controller(TimeSync())
     controller.run(10.0)
