@@ -68,6 +68,12 @@ def test_a_rover_that_drives_at_another_speed_than_its_odometry_says_is_found_wi
     assert f"{abs(faster_mps):.1f} m/s {'faster' if faster_mps > 0 else 'slower'}" in found.text
 
 
+def test_a_rover_that_drives_a_quarter_as_fast_as_the_vehicle_flies_beside_it_is_found_too() -> None:
+    """The measured path is as long as the flown one within what is normal."""
+    found = after_motion(speed_mps=2.0, rover_faster_mps=0.5, rover_yaw_rad=0.0)
+    assert found.speed_error_mps == pytest.approx(0.5)
+
+
 def test_a_vehicle_that_hovers_finds_the_speed_of_the_rover_too() -> None:
     assert after_motion(speed_mps=0.0, rover_faster_mps=0.5).speed_error_mps == pytest.approx(0.5)
 

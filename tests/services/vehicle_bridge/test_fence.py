@@ -4,8 +4,9 @@ import pytest
 from msgspec.structs import replace
 
 from jezero.base.mavlink import MavlinkCodec, dialect
+from jezero.runtime.service import Publish
 from jezero.schemas.commands import Hover, Phase
-from jezero.schemas.fence import Fence, SetFence, Zone
+from jezero.schemas.fence import Fence, FenceState, SetFence, Zone
 from jezero.schemas.state import StatusCode
 from jezero.schemas.topics import HOVER, SET_FENCE
 from jezero.services.vehicle_bridge.config import OnFence, VehicleBridgeConfig
@@ -99,6 +100,21 @@ def test_a_hover_that_is_pushed_out_keeps_its_point_inside() -> None:
     rig.run(5.0)
     assert rig.status.code == StatusCode.HOVER
     assert rig.autopilot.setpoints[-1].x == pytest.approx(0.0, abs=1e-3)
+
+
+def test_the_fence_is_published_once_a_second_and_at_once_when_the_vehicle_leaves_it() -> None:
+    rig = flying()
+
+    def published(seconds: float) -> list[FenceState]:
+        rig.outputs.clear()
+        rig.run(seconds)
+        outputs = (output.message for output in rig.outputs if isinstance(output, Publish))
+        return [message for message in outputs if isinstance(message, FenceState)]
+
+    assert len(published(3.0)) == 3
+    push_to(rig, 10.6)
+    (first, *_) = published(0.1)
+    assert "10.6 m" in first.outside
 
 
 def test_a_goal_that_begins_outside_may_lead_in() -> None:

@@ -174,3 +174,10 @@ def test_a_flight_that_is_planned_from_another_place_begins_in_a_hover_also_whil
     assert plan(world_at(GROUND), there).path_ned_m == ((10.0, 0.0, -8.0), (30.0, 0.0, -8.0))
     from_here = plan(world_at(GROUND), goal).path_ned_m
     assert len(from_here) == 3 and from_here[0] == GROUND, "it takes off first"
+
+
+def test_a_flight_is_planned_from_another_place_whatever_the_bridge_says_of_the_vehicle_here() -> None:
+    world, goal = world_at((0.0, 0.0, -3.0)), CIRCLE
+    world.bridge.refuse = "a person flies"
+    assert plan(world, goal).reason == "a person flies"
+    assert plan(world, msgspec.structs.replace(goal, plan_from_ned_m=(10.0, 0.0, -8.0))).accepted

@@ -11,7 +11,7 @@ from jezero.runtime import memory_bus
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.runtime.service import Inbox, Output, Publish, Reply
 from jezero.schemas import topics
-from jezero.schemas.actions import Accepted, Cancel, CancelReply, FeedbackMessage, Rejected
+from jezero.schemas.actions import Accepted, Cancel, CancelReply, FeedbackMessage, Modify, Rejected
 from jezero.schemas.goals import GoToGoal, MoveFeedback
 from jezero.schemas.state import Status
 from jezero.services.actions.lifecycle.server import NO_REPLY, ActionServer, PreparationRun
@@ -30,7 +30,7 @@ class PreparedGoTo:
 
     def __init__(self, work: Callable[[], Any]) -> None:
         self._planner = PLANNERS["go_to"](CONFIG)
-        self._work = work
+        self.work = work
 
     def plan(self, goal: Any, status: Status) -> Plan | Refusal:
         plan = self._planner.plan(goal, status)
@@ -38,7 +38,7 @@ class PreparedGoTo:
         start = plan.start
         assert not isinstance(start, Preparation)
         preparation = Preparation(
-            work=lambda state: self._work,
+            work=lambda state: self.work,
             start=lambda value: Prepared(start, warning=str(value)),
             feedback=lambda state: MoveFeedback(pos_uav_ned_m=state.pos_uav_ned_m, frame="world", distance_m=1.0),
             too_long="fly to one point after the other",
@@ -53,7 +53,8 @@ class World:
         self.bus = MemoryBus(seed=1)
         self.bridge = FakeBridge((0.0, 0.0, -3.0))
         self.bus.add(self.bridge)
-        self.bus.add(ActionServer(topics.GO_TO, PreparedGoTo(work), CONFIG, 5))
+        self.planner = PreparedGoTo(work)
+        self.bus.add(ActionServer(topics.GO_TO, self.planner, CONFIG, 5))
         self.bus.run_for(0.5)
 
     def send(self, goal: GoToGoal = GOAL) -> SentRequest:
@@ -150,6 +151,21 @@ def test_no_work_is_begun_for_a_goal_that_the_bridge_would_refuse(endless: World
     endless.bridge.refuse = "a person flies"
     rejected = endless.first(endless.send(), within_s=1.0)
     assert isinstance(rejected, Rejected) and rejected.reason == "a person flies"
+
+
+def test_a_change_whose_work_fails_is_refused_and_the_goal_goes_on() -> None:
+    world = World()
+    answers = world.send()
+    assert isinstance(world.first(answers), Accepted)
+    world.bus.run_for(1.0)
+    world.planner.work = partial(truediv, 1, 0)
+    change = Modify(goal_id="near", fields={"target_ned_m": (7.0, 0.0, -3.0)})
+    reply = world.first(world.bus.send_request(topics.GO_TO.modify, change))
+    assert not reply.modified
+    assert reply.reason.startswith("go_to failed in prepare: ZeroDivisionError")
+    assert world.bus.run_for(30.0, lambda: answers.ended)
+    assert answers.replies[-1].outcome == "succeeded"
+    assert world.bridge.pos_ned_m == pytest.approx((5.0, 0.0, -3.0), abs=0.2)
 
 
 def test_no_work_is_begun_while_the_bridge_has_not_replied(endless: World) -> None:
