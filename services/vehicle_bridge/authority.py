@@ -354,10 +354,12 @@ class Authority:
         return None
 
     def _engage(self, vehicle: VehicleSnapshot) -> AutopilotCommand | None:
-        if self._engaged or self.grant is None or self.grant.is_late:
+        if self._engaged or self.grant is None:
             return None
         if vehicle.armed and vehicle.mode == OFFBOARD:
             self._engaged = True
+        elif self.grant.is_late:
+            return None
         elif self._engagement.is_overdue(vehicle):
             self._revoke(f"{self.grant.name} ended: could not arm in offboard mode: {vehicle.failure_reason}", vehicle)
         elif self._engagement.may_command(vehicle) and vehicle.mode == OFFBOARD:

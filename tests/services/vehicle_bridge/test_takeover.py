@@ -145,6 +145,20 @@ def test_a_change_of_mode_while_the_bridge_is_about_to_arm_is_a_takeover() -> No
     assert [c for c in rig.autopilot.commands if c[0] == SET_MODE] == []
 
 
+def test_a_vehicle_that_arms_by_the_bridges_command_while_the_goal_is_late_is_taken_over_by_nobody() -> None:
+    rig = Rig().ready()
+    rig.autopilot.reported_armed = False
+    control_id = rig.acquire().control_id
+    rig.run_until(lambda: rig.autopilot.armed, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
+    rig.run(0.4)
+    assert rig.status.text.startswith("hovering until the goal takeoff goes on")
+    rig.autopilot.reported_armed = None
+    rig.run(0.1)
+    rig.run(0.5, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
+    assert rig.codes == [0, 1]
+    assert (rig.status.in_charge, rig.status.text) == ("goal", "the goal takeoff goes on")
+
+
 def test_a_ground_station_that_only_listens_takes_nothing_over() -> None:
     rig = flying()
     station, other = MavlinkCodec(255, 190), MavlinkCodec(1, 100)
