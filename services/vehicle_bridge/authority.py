@@ -404,9 +404,9 @@ class Authority:
         if self.taking_back:
             return self._advance_taking_back(vehicle)
         handover = self._takeover.handover(vehicle)
-        if handover is not None and not self._land_commanded:
+        if handover is not None and not (self._land_commanded and vehicle.mode == LAND):
             self._external_holder, self.text = handover
-        self._land_commanded &= vehicle.mode != LAND
+        self._land_commanded &= vehicle.mode == OFFBOARD  # else it lands, or a pilot or a failsafe has it
         return AutopilotCommand.LAND if self._land_commanded else None
 
     def _advance_taking_back(self, vehicle: VehicleSnapshot) -> AutopilotCommand | None:

@@ -128,6 +128,26 @@ def test_without_its_router_for_thirty_seconds_the_bridge_lands(seconds: float, 
     assert not lands or "router" in rig.status.text
 
 
+def test_a_pilot_who_takes_over_before_the_command_to_land_has_arrived_keeps_control() -> None:
+    rig = Rig().fly()
+    rig.box.connected = False
+    rig.autopilot.lost_commands = 1
+    rig.run_until(lambda: rig.status.code == 13, limit_s=31.0)
+    rig.autopilot.mode = MODES["POSCTL"]
+    rig.run(5.0)
+    assert rig.autopilot.mode == MODES["POSCTL"]
+    assert (rig.status.in_charge, rig.status.text) == ("external", "somebody switched the autopilot to POSCTL")
+
+
+def test_a_lost_command_to_land_is_sent_again() -> None:
+    rig = Rig().fly()
+    rig.box.connected = False
+    rig.autopilot.lost_commands = 1
+    rig.run(32.0)
+    assert rig.autopilot.mode == MODES["LAND"]
+    assert (rig.status.in_charge, rig.status.text[:9]) == ("failsafe", "landing: ")
+
+
 def test_on_the_ground_a_lost_router_changes_nothing() -> None:
     rig = Rig().ready()
     rig.box.connected = False
