@@ -18,6 +18,9 @@ JUDGED_AFTER_NS = 6 * NS_PER_S
 """Time from the first message on the line until the rate is judged: the controller gets the request for rates first."""
 STEP_MIN_M = 0.5
 """A change of position that the velocity doesn't explain is a step of the estimate from this size on."""
+ACCELERATION_MAX_MPS2 = 10.0
+"""The vehicle itself may change its velocity this fast between two positions, of which some may be lost: beyond the
+tilt of any multicopter that flies on."""
 PAIR_AGE_MAX_NS = 150_000_000
 """Longest time between the attitude and the position of a pair."""
 
@@ -106,8 +109,10 @@ class PairedOdometry:
         """Attitude and body rates at the time of a position; None without a young attitude."""
         last, self._position = self._position, (t_ns, pos_ned_m, vel_ned_mps)
         if last is not None:
-            expected = add(last[1], scale(last[2], (t_ns - last[0]) / NS_PER_S))
-            if norm(subtract(pos_ned_m, expected)) > STEP_MIN_M:
+            passed_s = (t_ns - last[0]) / NS_PER_S
+            expected = add(last[1], scale(last[2], passed_s))
+            own_m = 0.5 * ACCELERATION_MAX_MPS2 * passed_s * passed_s
+            if norm(subtract(pos_ned_m, expected)) > STEP_MIN_M + own_m:
                 self.reset_counter = (self.reset_counter + 1) % 256
         if self._attitude is None or abs(t_ns - self._attitude[0]) > PAIR_AGE_MAX_NS:
             return None

@@ -71,3 +71,13 @@ def test_a_step_that_the_velocity_does_not_explain_counts_as_a_reset() -> None:
     assert pair.reset_counter == 1
     pair.on_position(300 * MS, (3.05, 0.8, -3.0), (10.0, 0.0, 0.0))
     assert pair.reset_counter == 1
+
+
+def test_a_vehicle_that_brakes_while_the_line_is_interrupted_is_no_step() -> None:
+    """Within 2 s it stops from 5 m/s in 1 s: 2.5 m, where the last velocity leads 10 m on."""
+    pair = PairedOdometry()
+    pair.on_position(0, (0.0, 0.0, -3.0), (5.0, 0.0, 0.0))
+    pair.on_position(2 * S, (2.5, 0.0, -3.0), (0.0, 0.0, 0.0))
+    assert pair.reset_counter == 0
+    pair.on_position(2 * S + 33 * MS, (2.5, 0.6, -3.0), (0.0, 0.0, 0.0))
+    assert pair.reset_counter == 1
