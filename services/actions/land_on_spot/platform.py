@@ -352,7 +352,10 @@ class Descent:
     def down_mps(self, t_ns: int, platform: PlatformState) -> float:
         """Speed downwards relative to the platform: none outside the cone, upwards far outside."""
         config = self._config
-        passed_s = 0.0 if self._t_ns is None else min(max((t_ns - self._t_ns) / NS_PER_S, 0.0), STEP_MAX_S)
+        gap_s = 0.0 if self._t_ns is None else max((t_ns - self._t_ns) / NS_PER_S, 0.0)
+        if gap_s > STEP_MAX_S:
+            self._moving_ns = None  # it has hovered meanwhile, which is no stop of the descent
+        passed_s = min(gap_s, STEP_MAX_S)
         self._t_ns = t_ns
         proportional_mps = GAIN_DESCENT_1PS * platform.height_m
         wanted_mps = min(max(proportional_mps, config.descent_min_mps), config.descent_max_mps)

@@ -104,6 +104,22 @@ def test_out_of_sight_it_holds_its_height_and_goes_on_when_it_sees_again() -> No
     assert max(heights_m) - min(heights_m) < 0.15
 
 
+@pytest.mark.parametrize("lost_below_m", [0.42, 0.44, 0.46, 0.48, 0.5])
+def test_a_hover_low_over_the_platform_while_that_is_out_of_sight_is_no_contact(lost_below_m: float) -> None:
+    lost_s: list[float] = []
+
+    def sees(t_s: float, offset_m: Vec3) -> bool:
+        if not lost_s and altitude_m(offset_m[2]) < lost_below_m:
+            lost_s.append(t_s)
+        return not lost_s or t_s > lost_s[0] + 2.0
+
+    landing = Landing(BOTH, sees=sees)
+    assert landing.run(60.0) == Done("succeeded", then="disarm")
+    assert landing.phases == ["approach", "descent", "hold", "contact"]
+    touched_m = next(altitude_m(offset_m[2]) for _, offset_m, move in landing.moves if move.feedback.phase == "contact")
+    assert touched_m < 0.05
+
+
 @pytest.mark.parametrize("forget_s", [1.0, 100.0])
 def test_out_of_sight_for_long_it_climbs_and_searches_and_hovers_in_the_end(forget_s: float) -> None:
     landing = Landing(BOTH, sees=lambda t_s, offset_m: t_s < 6.0)
