@@ -28,6 +28,7 @@ class MissionRecord(msgspec.Struct, frozen=True, kw_only=True):
             step.
         left_out: number of steps that were left out.
         last: goal that is flown after a failure, before the mission ends; None while the steps are flown.
+        failed_attempt: number of the step's try whose failure made `last` fly; 0 while the steps are flown.
         failure: why the mission fails once its last goal has ended; the reason may change meanwhile.
         altitude_m: altitude over the world's origin at which the mission was held, to which a vehicle that has landed
             since takes off before the mission goes on; None for a mission that goes on where it is.
@@ -45,6 +46,7 @@ class MissionRecord(msgspec.Struct, frozen=True, kw_only=True):
     failures: int = 0
     rest: dict[str, Any] | None = None
     last: GoalStep | None = None
+    failed_attempt: int = 0
     failure: str = ""
     altitude_m: float | None = None
     step_altitude_m: float | None = None
@@ -68,8 +70,9 @@ class MissionRecord(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def goal_id(self) -> str:
         """Id of the goal of the present try. It is the same after a restart of this service: a goal that still flies is
-        found again, and one that is over isn't flown twice."""
-        return f"{self.mission_id}.{'end' if self.last else self.index + 1}.{self.attempt}"
+        found again, and one that is over isn't flown twice. No other try of the mission has it."""
+        place = f"end.{self.index + 1}.{self.failed_attempt}" if self.last else f"{self.index + 1}"
+        return f"{self.mission_id}.{place}.{self.attempt}"
 
     def in_state(self, state: MissionState, reason: str = "") -> "MissionRecord":
         """The same mission in another state."""
@@ -97,7 +100,14 @@ class MissionRecord(msgspec.Struct, frozen=True, kw_only=True):
         """A mission that has failed, at another try of the step that failed."""
         altitude_m = self.altitude_m if self.altitude_m is not None else self.step_altitude_m
         return replace(
-            self, state="running", reason="", attempt=self.attempt + 1, failures=0, last=None, altitude_m=altitude_m
+            self,
+            state="running",
+            reason="",
+            attempt=(self.attempt if self.last is None else self.failed_attempt) + 1,
+            failures=0,
+            last=None,
+            failed_attempt=0,
+            altitude_m=altitude_m,
         )
 
     def next_attempt(self, rest: dict[str, Any] | None) -> "MissionRecord":

@@ -283,6 +283,7 @@ class MissionService:
         return replace(
             record,
             last=last_goal(policy.then, status, record.mission.rally_points_ned_m),
+            failed_attempt=record.attempt,
             attempt=1,
             rest=None,
             reason=reason,

@@ -113,7 +113,7 @@ def test_a_step_that_may_be_left_out_is_counted_and_named() -> None:
 def test_a_failed_mission_lands_or_returns_as_its_step_says(then: str, action: str, last_succeeds: bool) -> None:
     flown = started(with_policy(then=then), STEP)
     flown.step(FLYING, None, flown.result("mission-1-1.1.1", "aborted", "too much wind"))
-    assert flown.progress.goal_id == "mission-1-1.end.1"
+    assert flown.progress.goal_id == "mission-1-1.end.1.1.1"
     assert flown.state == "running"
     assert flown.progress.reason == "step 1, go: too much wind"
     flown.end_goal(FLYING, *(() if last_succeeds else ("aborted", "no place")))
@@ -350,6 +350,31 @@ def test_a_failed_mission_is_tried_again_from_the_step_that_failed_or_behind_it(
     assert flown.command(HOVER_REQUESTED, command).accepted
     assert [tag for tag, _ in flown.calls(HOVER_REQUESTED)] == [tag]
     assert flown.progress.left_out == (command == "skip")
+
+
+def test_no_goal_of_a_mission_that_is_tried_again_has_the_id_of_an_earlier_one_whose_result_its_server_still_has() -> (
+    None
+):
+    flown = started(with_policy(retries=1, then="return"), with_policy(then="return"))
+    goal_ids: list[str] = []
+
+    def end(*outcome: str) -> None:
+        goal_ids.append(flown.progress.goal_id)
+        flown.end_goal(FLYING, *outcome)
+
+    for _ in range(2):
+        end("aborted", "wind")
+        end("aborted", "wind")
+        assert flown.progress.label == "return home"
+        end()
+        assert flown.command(FLYING, "resume").accepted
+        flown.step(FLYING)
+        assert (flown.progress.step, flown.progress.label) == (1, "go")
+    end()
+    end("aborted", "wind")
+    assert (flown.progress.step, flown.progress.label) == (2, "return home")
+    end()
+    assert len(goal_ids) == len(set(goal_ids)) == 9
 
 
 def test_a_failed_mission_whose_vehicle_has_landed_takes_off_to_the_altitude_of_the_step_first() -> None:
