@@ -84,7 +84,16 @@ class MissionRecord(msgspec.Struct, frozen=True, kw_only=True):
             return self.in_state("failed", self.failure)
         if self.index + 1 == len(self.mission.steps):
             return self.in_state("succeeded", self.left_out_in_words)
-        return replace(self, index=self.index + 1, attempt=1, failures=0, rest=None, state="running", reason="")
+        return replace(
+            self,
+            index=self.index + 1,
+            attempt=1,
+            failures=0,
+            rest=None,
+            step_altitude_m=None,
+            state="running",
+            reason="",
+        )
 
     def without_step(self, reason: str = "") -> "MissionRecord":
         """The mission after a step that is left out."""

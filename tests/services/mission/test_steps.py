@@ -249,6 +249,32 @@ def test_a_wait_that_is_interrupted_or_paused_goes_on_with_its_rest() -> None:
     assert left_s == 10 - 4 - 1, "four seconds have passed before the pause, and one after it"
 
 
+def waiting_on_the_ground() -> Flown:
+    """A mission that has landed and waits for its next step."""
+    flown = started(LAND, WAIT, STEP, status=at_altitude(6.0))
+    flown.end_goal(LANDED)
+    flown.step(LANDED)
+    assert flown.progress.label == "look around"
+    return flown
+
+
+def test_a_wait_on_the_ground_that_is_interrupted_goes_on_without_a_takeoff() -> None:
+    flown = waiting_on_the_ground()
+    aborted = replace(LANDED, interventions=1, text="no goal was in charge")
+    flown.step(aborted)
+    assert flown.state == "interrupted"
+    assert flown.command(aborted, "resume").accepted
+    assert flown.goals(aborted) == []
+    assert (flown.state, flown.progress.label) == ("running", "look around")
+
+
+def test_a_wait_on_the_ground_goes_on_without_a_takeoff_after_a_restart_of_the_service() -> None:
+    flown = Flown(waiting_on_the_ground().records[-1])
+    assert flown.command(LANDED, "resume").accepted
+    assert flown.goals(LANDED) == []
+    assert (flown.state, flown.progress.label) == ("running", "look around")
+
+
 def test_a_restarted_vehicle_interrupts_the_mission_and_ids_differ_from_those_before() -> None:
     flown = Flown()
     flown.epoch_id = 5
