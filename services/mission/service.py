@@ -262,7 +262,7 @@ class MissionService:
         if wanted == "hold":
             return following if following.ended else following.in_state(record.state, record.reason)
         if end.end == "succeeded":
-            return following
+            return _still_paused(record, following)
         if end.end == "canceled":
             return following.in_state("interrupted", f"{record.step.label}: {end.reason}")
         return self._after_failure(record, end, status)
@@ -272,12 +272,13 @@ class MissionService:
         reason = f"step {record.index + 1}, {record.step.label}: {end.reason}"
         if record.last is not None:
             return record.in_state("failed", f"{record.failure}; then {record.last.label}: {end.reason}")
-        policy, failures = record.policy, record.failures + 1
+        policy, failures, before = record.policy, record.failures + 1, record
         record = record.in_state("running")
         if failures <= policy.retries:
-            return replace(record.next_attempt(end.rest), failures=failures, reason=f"tried again: {end.reason}")
+            again = replace(record.next_attempt(end.rest), failures=failures, reason=f"tried again: {end.reason}")
+            return _still_paused(before, again)
         if policy.then == "skip":
-            return record.without_step(f"left out {reason}")
+            return _still_paused(before, record.without_step(f"left out {reason}"))
         if policy.then == "stop" or status is None or status.odometry is None or status.landed:
             return record.in_state("failed", end.reason)
         return replace(
@@ -424,3 +425,10 @@ class MissionService:
         mission = "no mission" if record is None else f"{record.mission.name}: {record.state}"
         way_home = self._watch.text if self._return is None else self._return.reason
         return f"{mission}; {way_home}" if way_home else mission
+
+
+def _still_paused(before: MissionRecord, following: MissionRecord) -> MissionRecord:
+    """The mission after the end of a goal: one that was paused by a command waits for another one."""
+    if before.state != "paused" or following.ended:
+        return following
+    return following.in_state("paused", PAUSED)

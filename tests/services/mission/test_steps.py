@@ -329,6 +329,24 @@ def test_a_paused_goal_goes_on_by_command() -> None:
     assert (refusal.accepted, refusal.reason) == (False, "the mission is running")
 
 
+@pytest.mark.parametrize(
+    ("policy", "outcome", "step", "attempt"),
+    [({}, "succeeded", 2, 1), ({"retries": 1}, "aborted", 1, 2), ({"then": "skip"}, "aborted", 2, 1)],
+)
+def test_a_mission_that_was_paused_begins_nothing_when_its_goal_ends_in_the_pause(
+    policy: dict[str, Any], outcome: str, step: int, attempt: int
+) -> None:
+    flown = started(with_policy(**policy), STEP)
+    flown.calls(FLYING, request=MissionCommand(command="pause"))
+    flown.step(FLYING, None, Response("mission-1-1.1.1/pause", PauseReply(paused=True)))
+    assert flown.end_goal(FLYING, outcome, "wind") == []
+    assert flown.calls(FLYING) == []
+    assert (flown.state, flown.progress.reason) == ("paused", "paused by a command")
+    assert (flown.progress.step, flown.progress.attempt) == (step, attempt)
+    assert flown.command(FLYING, "resume").accepted
+    assert [name for name, _ in flown.goals(FLYING)] == ["go_to"]
+
+
 @pytest.mark.parametrize(("command", "state", "step"), [("skip", "running", 2), ("stop", "stopped", 1)])
 def test_the_step_that_flies_is_left_out_or_the_mission_stopped_once_its_goal_has_ended(
     command: Any, state: str, step: int
