@@ -80,6 +80,7 @@ class ReturnWatch:
         self.reason = self.text = ""
         self._use.reset()
         self._duration_s = self._ground_ns = None
+        self._plan_due_ns = 0  # after a restart of the vehicle its time begins anew
         self._overruled = False
 
     def _plan(self, t_ns: int, status: Status, inbox: Inbox, rally_points_ned_m: RallyPoints) -> Iterator[Output]:

@@ -95,6 +95,10 @@ class Flown:
                 self.published += 1
         return outputs
 
+    def restart_vehicle(self) -> None:
+        """Begin vehicle time anew, with another epoch."""
+        self._t_ns, self.epoch_id = 0, self.epoch_id + 1
+
     def ask(self, status: Status | None, request: Any) -> MissionReply:
         (reply,) = self.replies(status, request)
         return reply

@@ -194,6 +194,16 @@ def test_the_way_home_is_planned_once_a_second_from_where_the_vehicle_flies_unle
         assert not plans(flown.step(LANDED))
 
 
+def test_the_way_home_is_planned_also_after_the_vehicles_time_has_begun_anew() -> None:
+    flown = Flown()
+    flown.epoch_id = 1
+    assert not comes_home(flown, charged(FLYING, 0.9), 100.0)
+    flown.step(charged(FLYING, 0.9), seconds=1000.0)
+    flown.restart_vehicle()
+    flown.step(LANDED)
+    assert comes_home(flown, LOW, 900.0)
+
+
 def test_the_reply_to_an_older_plan_of_the_way_home_does_not_count() -> None:
     flown = Flown()
     flown.step(LOW)
