@@ -407,7 +407,8 @@ class MissionService:
     # -- outputs --
 
     def _publish(self, t_ns: int, *, changed: bool) -> Iterator[Output]:
-        due = self._published_ns is None or t_ns - self._published_ns >= PUBLISH_PERIOD_NS
+        last_ns = self._published_ns
+        due = last_ns is None or not 0 <= t_ns - last_ns < PUBLISH_PERIOD_NS  # a restarted vehicle's time begins anew
         if not (due or changed):
             return
         self._published_ns = t_ns

@@ -515,3 +515,13 @@ def test_progress_is_published_twice_a_second_and_at_each_change() -> None:
     assert flown.published == 8
     flown.step(FLYING, Mission(name="m", steps=(STEP,)), seconds=0.1)
     assert flown.published == 9
+
+
+def test_progress_is_published_as_often_after_the_vehicles_time_has_begun_anew() -> None:
+    flown = Flown()
+    flown.step(FLYING, seconds=1000.0)
+    flown.restart_vehicle()
+    before = flown.published
+    for _ in range(40):
+        flown.step(LANDED, seconds=0.1)
+    assert flown.published - before == 8
