@@ -13,6 +13,8 @@ from jezero.schemas.units import NS_PER_S
 from jezero.services.mission.step_run import StepEnd, StepGoal
 
 TRIES = 3
+TRY_PERIOD_NS = 5 * NS_PER_S
+"""Least time from one try to the next: a server that was restarted, or is busy for a moment, flies the next one."""
 ABORT_PERIOD_NS = 2 * NS_PER_S
 OTHER_CONTROL = "somebody else has control"
 
@@ -36,7 +38,7 @@ class ReturnRun:
         self._goal = goal
         self._run: StepGoal | None = None
         self._tries = 0
-        self._abort_due_ns = 0
+        self._try_due_ns = self._abort_due_ns = 0
         self._interventions: tuple[int, int] | None = None
         """Bridge's boot id and the number of interventions, when the first goal began."""
 
@@ -45,17 +47,18 @@ class ReturnRun:
         status = inbox.latest(STATUS)
         if status is None or self.ended is not None:
             return
-        if self._run is None:
+        if self._interventions is not None:
+            self._watch_interventions(status)
+        if self._run is None and self.ended is None:
             yield from self._begin(t_ns, status)
         if self._run is None or self.ended is not None:
             return
         yield from self._run.step(t_ns, inbox, paused=False)
-        self._watch_interventions(status)
         end = self._run.ended
         if end is not None and end.end == "failed" and self._tries < TRIES:
             self._run = None
         else:
-            self.ended = self.ended or end
+            self.ended = end
 
     def _begin(self, t_ns: int, status: Status) -> Iterator[Output]:
         """Fly home as soon as the vehicle hovers; request an abort of the goal in charge until then."""
@@ -64,7 +67,10 @@ class ReturnRun:
         elif status.landed or not status.armed:
             self.ended = StepEnd("canceled", "the vehicle has landed")
         elif status.code == StatusCode.HOVER:
+            if t_ns < self._try_due_ns:
+                return
             self._tries += 1
+            self._try_due_ns = t_ns + TRY_PERIOD_NS
             self._interventions = self._interventions or (status.bridge_boot_id, status.interventions)
             goal_id = f"{self._return_id}.{self._tries}"
             self._run = StepGoal(RETURN_HOME, replace(self._goal, goal_id=goal_id, issued_t_ns=t_ns))

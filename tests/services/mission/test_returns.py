@@ -24,6 +24,7 @@ def charged(status: Status, charge: float | None) -> Status:
 
 
 LOW = charged(FLYING, 0.15)
+EXTERNAL_LOW = replace(LOW, in_charge="external", text="POSCTL")
 IN_CHARGE = replace(LOW, in_charge="goal", goal_id="c-1", action="go_to", code=8, name="GO_TO")
 
 
@@ -80,14 +81,36 @@ def test_the_goal_in_charge_is_ended_every_two_seconds_until_the_vehicle_hovers_
     assert flown.health.startswith("m: interrupted; the battery has 15%")
 
 
-def test_a_return_that_fails_is_tried_three_times_and_then_left_to_people() -> None:
+def test_a_return_that_fails_is_tried_three_times_five_seconds_apart_and_then_left_to_people() -> None:
     flown = returning()
     for attempt in (1, 2, 3):
         ((tag, _),) = returns(flown.calls(LOW))
         assert tag == f"return-1-1.{attempt}/goal"
         flown.step(LOW, None, flown.result(f"return-1-1.{attempt}", "aborted", "no place"))
+        for _ in range(3 if attempt < 3 else 0):
+            assert returns(flown.calls(LOW)) == []
     assert not any(returns(flown.calls(LOW)) for _ in range(10)), "a person has the vehicle until it lands"
     assert flown.progress.reason.endswith("; the return has ended: no place")
+
+
+def test_a_server_that_is_restarted_when_the_vehicle_must_return_flies_it_home() -> None:
+    flown = returning()
+    tags: list[str] = []
+    for step in range(70):
+        silent = [Response(tag, None, "no server") for tag in tags[-1:] if step < 30]
+        outputs = flown.step(LOW, None, *silent, seconds=0.1)
+        tags += [tag for tag, _ in returns([(o.tag, o.payload) for o in outputs if isinstance(o, Call)])]
+    assert tags == ["return-1-1.1/goal", "return-1-1.2/goal"]
+    assert "the return has ended" not in flown.progress.reason
+
+
+@pytest.mark.parametrize("status", [replace(LOW, interventions=1, text="hover requested"), EXTERNAL_LOW])
+def test_a_person_who_takes_control_between_two_tries_of_the_return_ends_it(status: Status) -> None:
+    flown = returning()
+    flown.step(LOW)
+    flown.step(LOW, None, flown.result("return-1-1.1", "aborted", "no place"))
+    assert not any(returns(flown.calls(status)) for _ in range(10))
+    assert flown.progress.reason.endswith(status.text)
 
 
 def test_a_return_that_lands_says_so_and_the_mission_waits() -> None:
