@@ -16,6 +16,7 @@ TRIES = 3
 TRY_PERIOD_NS = 5 * NS_PER_S
 """Least time from one try to the next: a server that was restarted, or is busy for a moment, flies the next one."""
 ABORT_PERIOD_NS = 2 * NS_PER_S
+ABORT_TIMEOUT_S = 1.0
 OTHER_CONTROL = "somebody else has control"
 
 
@@ -39,8 +40,10 @@ class ReturnRun:
         self._run: StepGoal | None = None
         self._tries = 0
         self._try_due_ns = self._abort_due_ns = 0
+        self._aborting_until_ns = 0
+        """No goal begins before the bridge has replied to the last request for an abort, which would end it too."""
         self._interventions: tuple[int, int] | None = None
-        """Bridge's boot id and the number of interventions, when the first goal began."""
+        """Bridge's boot id and the number of interventions, when the first goal since the last abort began."""
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """Go on with the return."""
@@ -51,6 +54,8 @@ class ReturnRun:
             self._watch_interventions(status)
         if self._run is None and self.ended is None:
             yield from self._begin(t_ns, status)
+            if any(response.tag == self._abort_tag for response in inbox.responses):
+                self._aborting_until_ns = t_ns  # from the next step on the status has it, too
         if self._run is None or self.ended is not None:
             return
         yield from self._run.step(t_ns, inbox, paused=False)
@@ -67,7 +72,7 @@ class ReturnRun:
         elif status.landed or not status.armed:
             self.ended = StepEnd("canceled", "the vehicle has landed")
         elif status.code == StatusCode.HOVER:
-            if t_ns < self._try_due_ns:
+            if t_ns < max(self._try_due_ns, self._aborting_until_ns):
                 return
             self._tries += 1
             self._try_due_ns = t_ns + TRY_PERIOD_NS
@@ -76,7 +81,13 @@ class ReturnRun:
             self._run = StepGoal(RETURN_HOME, replace(self._goal, goal_id=goal_id, issued_t_ns=t_ns))
         elif status.in_charge == "goal" and t_ns >= self._abort_due_ns:
             self._abort_due_ns = t_ns + ABORT_PERIOD_NS
-            yield Call(ABORT, Abort(reason=self.reason), f"{self._return_id}/abort")
+            self._aborting_until_ns = t_ns + int(ABORT_TIMEOUT_S * NS_PER_S)
+            self._interventions = None  # the abort is one
+            yield Call(ABORT, Abort(reason=self.reason), self._abort_tag, ABORT_TIMEOUT_S)
+
+    @property
+    def _abort_tag(self) -> str:
+        return f"{self._return_id}/abort"
 
     def _watch_interventions(self, status: Status) -> None:
         """End the return when a person or a failsafe takes control."""

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from jezero.runtime.service import Call, Output, Response
 from jezero.schemas.actions import PlanReply
-from jezero.schemas.commands import Abort
+from jezero.schemas.commands import Abort, AbortReply
 from jezero.schemas.goals import ReturnHomeGoal
 from jezero.schemas.mission import Mission, MissionCommand
 from jezero.schemas.state import Battery, Status
@@ -79,6 +79,21 @@ def test_the_goal_in_charge_is_ended_every_two_seconds_until_the_vehicle_hovers_
     assert goal.rally_points_ned_m == RALLY
     assert goal.charge == pytest.approx(0.15, abs=0.01)
     assert flown.health.startswith("m: interrupted; the battery has 15%")
+
+
+@pytest.mark.parametrize("reply", [Response("return-1-1/abort", AbortReply(hovering=True)), None])
+def test_an_abort_that_the_bridge_carries_out_late_is_no_person_who_ends_the_return(reply: Response | None) -> None:
+    """The goal in charge ends by itself while the request to abort it is still on its way."""
+    flown = returning(IN_CHARGE)
+    assert aborts(flown.calls(IN_CHARGE))
+    assert returns([(o.tag, o.payload) for o in flown.step(LOW, seconds=0.2) if isinstance(o, Call)]) == []
+    aborted = replace(LOW, interventions=1, text="no goal was in charge, the vehicle hovers")
+    responses = () if reply is None else (reply,)
+    outputs = flown.step(aborted, None, *responses, seconds=0.2)
+    outputs += flown.step(aborted, seconds=0.2 if reply is not None else 0.8)
+    assert len(returns([(o.tag, o.payload) for o in outputs if isinstance(o, Call)])) == 1
+    flown.step(aborted)
+    assert "the return has ended" not in flown.progress.reason
 
 
 def test_a_return_that_fails_is_tried_three_times_five_seconds_apart_and_then_left_to_people() -> None:
