@@ -106,7 +106,7 @@ class MissionRecord(msgspec.Struct, frozen=True, kw_only=True):
         return f"{self.left_out} of {len(self.mission.steps)} steps left out" if self.left_out else ""
 
     def again(self) -> "MissionRecord":
-        """A mission that has failed, at another try of the step that failed."""
+        """A mission that has failed, at another try of the step that failed, with whatever vehicle there is now."""
         altitude_m = self.altitude_m if self.altitude_m is not None else self.step_altitude_m
         return replace(
             self,
@@ -116,6 +116,7 @@ class MissionRecord(msgspec.Struct, frozen=True, kw_only=True):
             failures=0,
             last=None,
             failed_attempt=0,
+            epoch_id=0,
             altitude_m=altitude_m,
         )
 

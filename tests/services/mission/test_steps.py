@@ -396,6 +396,22 @@ def test_a_failed_mission_is_tried_again_from_the_step_that_failed_or_behind_it(
     assert flown.progress.left_out == (command == "skip")
 
 
+def test_a_failed_mission_is_tried_again_with_a_vehicle_that_was_restarted_since() -> None:
+    flown = started(STEP)
+    flown.epoch_id = 1
+    flown.step(FLYING)
+    flown.end_goal(FLYING, "aborted", "wind")
+    flown.restart_vehicle()
+    flown.step(FLYING)
+    assert flown.command(FLYING, "resume").accepted
+    assert [name for name, _ in flown.goals(FLYING)] == ["go_to"]
+    flown.step(FLYING)
+    assert flown.state == "running"
+    flown.restart_vehicle()
+    flown.step(FLYING)
+    assert (flown.state, flown.progress.reason) == ("interrupted", "the vehicle was restarted")
+
+
 def test_no_goal_of_a_mission_that_is_tried_again_has_the_id_of_an_earlier_one_whose_result_its_server_still_has() -> (
     None
 ):
