@@ -45,6 +45,7 @@ PUBLISH_PERIOD_NS = NS_PER_S // 2
 PAUSED = "paused by a command"
 RESTARTED = "the mission service was restarted"
 REQUESTED = "a hover, an abort or a kill was requested"
+BRIDGE_RESTARTED = "the vehicle bridge was restarted"
 VEHICLE_RESTARTED = "the vehicle was restarted"
 NO_MISSION = "no mission is flown: send one with jezero mission run FILE"
 Wanted = Literal["", "hold", "skip", "stop"]
@@ -156,8 +157,9 @@ class MissionService:
         external = status.in_charge in ("external", "failsafe")
         if present == self._interventions and not external:
             return
+        event = REQUESTED if present[0] == self._interventions[0] else BRIDGE_RESTARTED
         yield from self._hold(
-            record.in_state("interrupted", status.text if external else f"{REQUESTED}: {status.text}"), status
+            record.in_state("interrupted", status.text if external else f"{event}: {status.text}"), status
         )
 
     def _hold(self, held: MissionRecord, status: Status) -> Iterator[Output]:

@@ -172,7 +172,7 @@ def test_no_step_begins_while_the_goal_of_another_client_is_in_charge() -> None:
     ("status", "reason"),
     [
         (HOVER_REQUESTED, "a hover, an abort or a kill was requested: hover requested"),
-        (replace(FLYING, bridge_boot_id=2, text="new"), "a hover, an abort or a kill was requested: new"),
+        (replace(FLYING, bridge_boot_id=2, text="new"), "the vehicle bridge was restarted: new"),
         (EXTERNAL, "POSCTL"),
         (replace(EXTERNAL, in_charge="failsafe", text="RTL"), "RTL"),
     ],
