@@ -258,7 +258,8 @@ class MissionService:
         if wanted == "skip":
             return record.without_step()
         if self._takes_off and end.end == "succeeded":
-            following = replace(record, altitude_m=None)
+            # A mission that is held may need another takeoff, whose goal must have another id.
+            following = record.next_attempt(None) if wanted == "hold" else replace(record, altitude_m=None)
         else:
             following = record.next_step() if end.end == "succeeded" else record.next_attempt(end.rest)
         if wanted == "hold":

@@ -152,6 +152,21 @@ def test_a_takeoff_that_fails_is_no_step_that_is_done() -> None:
     assert (flown.state, flown.progress.step) == ("failed", 1)
 
 
+@pytest.mark.parametrize("lands", [True, False])
+def test_a_takeoff_that_succeeds_while_a_person_intervenes_is_flown_again_if_the_vehicle_lands(lands: bool) -> None:
+    record = MissionRecord(mission=Mission(name="m", steps=(STEP,)), mission_id="m-1", state="interrupted")
+    flown = Flown(replace(record, altitude_m=5.0))
+    flown.command(LANDED, "resume")
+    assert [tag for tag, _ in flown.calls(LANDED)] == ["m-1.1.1.takeoff/goal"]
+    high = replace(at_altitude(5.0), interventions=1)
+    flown.step(high)
+    flown.end_goal(high)
+    assert flown.state == "interrupted"
+    later = replace(LANDED, interventions=1) if lands else high
+    assert flown.command(later, "resume").accepted
+    assert [tag for tag, _ in flown.calls(later)] == [f"m-1.1.2{'.takeoff' if lands else ''}/goal"]
+
+
 def test_a_mission_that_begins_on_the_ground_with_its_own_takeoff_takes_off_once() -> None:
     takeoff = GoalStep(label="up", action="takeoff", goal={"altitude_m": 7.0})
     record = MissionRecord(mission=Mission(name="m", steps=(takeoff,)), mission_id="m-1", state="interrupted")
