@@ -35,7 +35,7 @@ from jezero.schemas.topics import (
 )
 from jezero.schemas.units import NS_PER_S
 from jezero.services.mission.config import MissionConfig
-from jezero.services.mission.record import MissionRecord
+from jezero.services.mission.record import REASON_MAX, MissionRecord
 from jezero.services.mission.return_run import ReturnRun
 from jezero.services.mission.return_watch import GROUND, ReturnWatch
 from jezero.services.mission.rules import flies_goal_of, landing_step, last_goal, somebody_else, swap_refusal
@@ -358,6 +358,8 @@ class MissionService:
         Args:
             refusal: reason why the goal isn't paused, or "".
         """
+        if self._pauses and not refusal and record.state != "running":
+            refusal = f"the mission is {record.state}: {record.reason}"[:REASON_MAX]  # by what came before the reply
         if self._pauses and not refusal:
             self._record = record.in_state("paused", PAUSED)
         for request_id in self._pauses:

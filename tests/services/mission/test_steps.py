@@ -331,6 +331,24 @@ def test_a_pause_is_accepted_when_the_goal_pauses_and_refused_with_its_reason(re
     assert flown.state == ("running" if refusal else "paused")
 
 
+def test_a_pause_whose_reply_comes_after_an_intervention_is_refused_and_the_mission_stays_interrupted() -> None:
+    flown = pausing()
+    response = Response("mission-1-1.1.1/pause", PauseReply(paused=True))
+    (reply,) = flown.replies(HOVER_REQUESTED, None, response)
+    assert (reply.accepted, reply.reason) == (
+        False,
+        "the mission is interrupted: a hover, an abort or a kill was requested: hover requested",
+    )
+    assert flown.state == "interrupted"
+
+
+def test_two_pauses_of_the_same_goal_are_both_accepted() -> None:
+    flown = pausing()
+    flown.step(FLYING, MissionCommand(command="pause"))
+    replies = flown.replies(FLYING, None, Response("mission-1-1.1.1/pause", PauseReply(paused=True)))
+    assert [reply.accepted for reply in replies] == [True, True]
+
+
 def test_a_paused_goal_goes_on_by_command() -> None:
     flown = pausing()
     flown.step(FLYING, None, Response("mission-1-1.1.1/pause", PauseReply(paused=True)))
