@@ -100,11 +100,17 @@ class StepGoal:
             self._calls["goal"] = Call(action.endpoint, goal, f"{goal.goal_id}/goal", STREAM_TIMEOUT_S, streamed=True)
         self._follower = GoalFollower(unknown_max=UNKNOWN_MAX, gap_max_s=None, accepted="goal" not in self._calls)
         self._t_ns = 0
+        self._resumes = False
+        """A resume was requested, and its reply is awaited."""
 
     def step(self, t_ns: int, inbox: Inbox, *, paused: bool) -> Iterator[Output]:
         """Process the replies, and send what is due."""
         self._t_ns = t_ns
         for response in inbox.responses:
+            if response.tag == f"{self.goal_id}/resume" and self._resumes:
+                self._resumes = False
+                if response.payload is None and self._follower.end is None:  # else the goal would hover on
+                    yield from self.resume()
             for request, call in self._calls.items():
                 if response.tag == call.tag:
                     self._on_response(request, response)
@@ -112,11 +118,13 @@ class StepGoal:
 
     def cancel(self) -> Iterator[Output]:
         """End the goal; its result follows."""
+        self._resumes = False
         self._follower.cancel()
         yield from self._due()
 
     def pause(self) -> Iterator[Output]:
         """Ask for a pause; `pause_reply` has the outcome."""
+        self._resumes = False
         yield self._call(self._action.pause, Pause(goal_id=self.goal_id), "pause")
 
     def pause_reply(self, inbox: Inbox) -> PauseReply | None:
@@ -128,7 +136,8 @@ class StepGoal:
         return None
 
     def resume(self) -> Iterator[Output]:
-        """End the pause."""
+        """End the pause; the request is sent again when it was lost."""
+        self._resumes = True
         yield self._call(self._action.resume, Resume(goal_id=self.goal_id), "resume")
 
     @property

@@ -6,7 +6,7 @@ import pytest
 from msgspec.structs import replace
 
 from jezero.runtime.service import Response
-from jezero.schemas.actions import Cancel, PauseReply, Result, Resume
+from jezero.schemas.actions import Cancel, PauseReply, Result, Resume, ResumeReply
 from jezero.schemas.goals import AreaCoverageGoal, CoverageResult
 from jezero.schemas.mission import FailurePolicy, GoalStep, Mission, MissionCommand, Step, WaitStep
 from jezero.schemas.state import Status
@@ -360,6 +360,28 @@ def test_a_paused_goal_goes_on_by_command() -> None:
     assert flown.state == "running"
     refusal = flown.command(FLYING, "resume")
     assert (refusal.accepted, refusal.reason) == (False, "the mission is running")
+
+
+def resumes(calls: list[tuple[str, Any]]) -> list[str]:
+    return [tag for tag, payload in calls if isinstance(payload, Resume)]
+
+
+def test_a_resume_that_was_lost_on_its_way_is_sent_again_until_the_server_replies() -> None:
+    flown = pausing()
+    flown.step(FLYING, None, Response("mission-1-1.1.1/pause", PauseReply(paused=True)))
+    (tag,) = resumes(flown.calls(FLYING, request=MissionCommand(command="resume")))
+    for _ in range(3):
+        assert resumes(flown.calls(FLYING, Response(tag, None, "timeout"))) == [tag]
+        assert resumes(flown.calls(FLYING)) == []
+    assert resumes(flown.calls(FLYING, Response(tag, ResumeReply(resumed=True)))) == []
+
+
+def test_a_resume_that_was_lost_is_not_sent_again_after_the_next_pause() -> None:
+    flown = pausing()
+    flown.step(FLYING, None, Response("mission-1-1.1.1/pause", PauseReply(paused=True)))
+    (tag,) = resumes(flown.calls(FLYING, request=MissionCommand(command="resume")))
+    flown.step(FLYING, MissionCommand(command="pause"))
+    assert resumes(flown.calls(FLYING, Response(tag, None, "timeout"))) == []
 
 
 @pytest.mark.parametrize(
