@@ -90,3 +90,18 @@ def test_a_landing_is_never_refused_for_the_battery(goal: LandOnSpotGoal) -> Non
     world.bridge.battery = battery(0.03)
     world.bus.run_for(0.5)
     world.flying(goal)
+
+
+def test_a_goal_that_is_sent_twice_at_once_and_refused_at_once_gets_two_replies() -> None:
+    world = World()
+    world.bridge.battery = battery(0.075)
+    world.bus.run_for(0.3)
+    goal = GoToGoal(target_ned_m=(300.0, 0.0, -3.0), goal_id="twice")
+    sent = [world.send(goal) for _ in range(2)]
+    world.bus.run_for(1.0)
+    assert [request.ended for request in sent] == [True, True]
+    for request in sent:
+        (refused,) = request.replies
+        assert isinstance(refused, Rejected)
+        assert "the battery is too low" in refused.reason
+    assert world.is_idle("go_to")
