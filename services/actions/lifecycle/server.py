@@ -44,6 +44,7 @@ from jezero.schemas.actions import (
     ModifyReply,
     Pause,
     PauseReply,
+    PlannedCoverage,
     PlanReply,
     Rejected,
     Result,
@@ -946,9 +947,11 @@ class GoalRun:
         """The goal's own time, which stands still in a pause, at a time of the vehicle."""
         return t_ns - self._pause.behind_ns
 
-    def go_on_changed(self, goal: Goal, behaviour: Behaviour, path_ned_m: tuple[Vec3, ...]) -> None:
+    def go_on_changed(
+        self, goal: Goal, behaviour: Behaviour, path_ned_m: tuple[Vec3, ...], coverage: PlannedCoverage | None
+    ) -> None:
         """Go on with changed fields after the stop for the change."""
-        self.goal, self.behaviour, self.path_ned_m = goal, behaviour, path_ned_m
+        self.goal, self.behaviour, self.path_ned_m, self.coverage = goal, behaviour, path_ned_m, coverage
         self._changes += 1
         self.go_on_unchanged()
 
@@ -1203,7 +1206,8 @@ class Modification:
             self._preparing = plan, preparation
             yield preparation.begin()
         else:
-            yield from self._take_over(t_ns, inbox, state, plan, plan.start, plan.warning)
+            prepared = Prepared(plan.start, plan.warning, plan.coverage)
+            yield from self._take_over(t_ns, inbox, state, plan, prepared)
 
     def _await_preparation(
         self, t_ns: int, inbox: Inbox, state: VehicleState, plan: Plan, preparation: PreparationRun
@@ -1212,21 +1216,21 @@ class Modification:
         if isinstance(outcome, Refusal):
             yield from self._refuse(outcome.reason)
         elif outcome is not None:
-            yield from self._take_over(t_ns, inbox, state, plan, outcome.start, outcome.warning)
+            yield from self._take_over(t_ns, inbox, state, plan, outcome)
 
     def _take_over(
-        self, t_ns: int, inbox: Inbox, state: VehicleState, plan: Plan, start: Start, warning: str
+        self, t_ns: int, inbox: Inbox, state: VehicleState, plan: Plan, prepared: Prepared
     ) -> Iterator[Output]:
         """Start the new behaviour, if its way stays inside the fence and the battery holds its flight."""
         run = self._run
-        behaviour = start(run.goal_time_ns(t_ns), state)
+        behaviour = prepared.start(run.goal_time_ns(t_ns), state)
         path_ned_m = tuple(add(point_m, state.shift_ned_m) for point_m in path_of(behaviour, state))
         refusal, battery = fence_refusal(path_ned_m, plan, inbox), run.config.vehicle.battery
         if refusal := refusal or _battery_refusal(remaining_of(behaviour, state), plan, inbox, battery):
             yield from self._refuse(refusal)
             return
-        run.go_on_changed(self._goal, behaviour, path_ned_m)
-        yield Reply(self._request_id, ModifyReply(modified=True, warning=warning))
+        run.go_on_changed(self._goal, behaviour, path_ned_m, prepared.coverage)
+        yield Reply(self._request_id, ModifyReply(modified=True, warning=prepared.warning))
 
     def _refuse(self, reason: str) -> Iterator[Output]:
         """Go on with the old fields."""

@@ -15,6 +15,7 @@ from jezero.schemas.topics import AREA_COVERAGE, STATUS
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.lifecycle.server import Modification
 from jezero.services.actions.motion.behaviour import Plan, Preparation, Prepared, VehicleState
+from tests.services.actions.fake_camera import FakeCamera
 from tests.services.actions.lifecycle.test_server_pause import assert_continuous, request
 from tests.services.actions.rig import FAR, World
 
@@ -156,6 +157,27 @@ def test_other_clients_read_the_way_of_a_goal_and_its_new_way_after_a_change() -
     assert way_end_ned_m() == (5.0, 10.0, -6.0)
 
 
+def test_other_clients_read_the_plan_of_a_coverage_and_its_new_plan_after_a_change() -> None:
+    world = World((0.0, 0.0, -4.0))
+    world.bus.add(FakeCamera())
+    world.bus.run_for(0.3)
+    square = ((0.0, 0.0), (6.0, 0.0), (6.0, 6.0), (0.0, 6.0))
+    goal = AreaCoverageGoal(polygon_ned_m=square, z_ned_m=-4.0, resolution_m=2.0, speed_mps=1.0, goal_id="map")
+    answers = world.send(goal)
+    assert world.bus.run_for(30.0, lambda: sum(isinstance(reply, Feedback) for reply in answers.replies) > 5)
+
+    def northernmost_m() -> float:
+        read = world.bus.send_request(topics.AREA_COVERAGE.running, GetRunning())
+        assert world.bus.run_for(1.0, lambda: read.ended)
+        northernmost_m: float = max(north_m for north_m, _ in read.replies[0].coverage.path_ned_m)
+        return northernmost_m
+
+    assert 4.0 < northernmost_m() < 6.1
+    longer = [[0.0, 0.0], [12.0, 0.0], [12.0, 6.0], [0.0, 6.0]]
+    assert modify(world, "map", topics.AREA_COVERAGE, polygon_ned_m=longer).modified
+    assert 10.0 < northernmost_m() < 12.1
+
+
 # -- a picture that comes while a change is planned --
 
 STILL = (0.0, 0.0, 0.0)
@@ -205,7 +227,7 @@ class HoveringRun:
     def goal_time_ns(self, t_ns: int) -> int:
         return t_ns
 
-    def go_on_changed(self, goal: Any, behaviour: Any, path_ned_m: Any) -> None:
+    def go_on_changed(self, goal: Any, behaviour: Any, path_ned_m: Any, coverage: Any) -> None:
         self.in_force = behaviour
 
     def replan(self, goal: Any, status: Status, running: Any) -> Plan:
