@@ -185,7 +185,8 @@ class VehicleBridge:
         clock, before = inbox.latest(CLOCK), self._epoch_id
         self._epoch_id = None if clock is None else clock.epoch_id
         respawned = before not in (None, self._epoch_id)
-        t_ns = self._vehicle_time_ns(t_ns)
+        if not respawned:  # else the last odometry is of the vehicle before
+            t_ns = self._vehicle_time_ns(t_ns)
         if self._epoch_id is not None:  # before, there is no vehicle time
             self._timer.update(t_ns)
         batch = self._read_link(inbox, respawned=respawned)

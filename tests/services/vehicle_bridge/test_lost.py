@@ -175,6 +175,20 @@ def test_a_new_epoch_ends_the_goal_and_resets_the_vehicle() -> None:
     assert rig.acquire(goal_id="g2").granted
 
 
+def test_an_abort_that_comes_with_a_new_epoch_is_stamped_with_the_new_vehicles_time() -> None:
+    rig = Rig().fly()
+    rig.autopilot.armed, rig.autopilot.landed = False, True
+    rig.autopilot.pos[:] = [0.0, 0.0, 0.0]
+    rig.epoch_id, rig.t_ns = rig.epoch_id + 1, 100_000_000
+    rig.post(ABORT, Abort())
+    rig.step()
+    assert rig.status.epoch_id == rig.epoch_id
+    assert rig.status.t_ns == rig.t_ns
+    rig.ready()
+    goal = Acquire(goal_id="g2", action="takeoff", goal_t_ns=rig.t_ns)
+    assert rig.request(ACQUIRE, goal).granted, "the goal came after the abort"
+
+
 def test_an_autopilot_whose_time_goes_back_has_restarted() -> None:
     rig = Rig().fly()
     rig.autopilot.armed, rig.autopilot.landed = False, True
