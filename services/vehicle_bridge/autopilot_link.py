@@ -271,7 +271,6 @@ class AutopilotLink:
         self.parameters.restart()
         self.fence.restart()
         self.command(None, 0)
-        self._refusal = ""
         self._origin_request_wall_ns = self._critical_request_wall_ns = self._version_request_wall_ns = None
         if self.rate is not None:
             self.rate.restart()
@@ -571,8 +570,7 @@ class AutopilotLink:
         if command is not self._present:
             self._present = command
             self.acknowledged = None
-            if command is not None:
-                self._refusal = ""
+            self._refusal = ""
             self._next_try_ns = timer_ns
             self._tries = 0
         if command is None or timer_ns < self._next_try_ns:

@@ -159,6 +159,23 @@ def test_a_vehicle_that_arms_by_the_bridges_command_while_the_goal_is_late_is_ta
     assert (rig.status.in_charge, rig.status.text) == ("goal", "the goal takeoff goes on")
 
 
+def test_a_refusal_to_arm_that_was_over_before_the_takeoff_explains_nothing_that_happens_later() -> None:
+    rig = Rig().ready()
+    rig.autopilot.refuse_arming = "Arming denied: high gyro bias"
+    control_id = rig.acquire().control_id
+    rig.run(0.5, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
+    assert not rig.autopilot.armed
+    rig.autopilot.refuse_arming, rig.autopilot.lost_acks = "", 1
+    rig.run_until(lambda: rig.status.armed, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
+    rig.lift_off()
+    rig.run(0.1, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
+    assert rig.release(control_id, hover_pos_ned_m=(0.0, 0.0, -2.0)).released
+    rig.run(10.0)
+    rig.autopilot.armed = False
+    rig.run(0.1)
+    assert rig.status.text == "the autopilot disarmed while the vehicle hovers"
+
+
 def test_a_ground_station_that_only_listens_takes_nothing_over() -> None:
     rig = flying()
     station, other = MavlinkCodec(255, 190), MavlinkCodec(1, 100)
