@@ -76,7 +76,8 @@ class FlightMonitor:
     def kill_reason(self, vehicle: VehicleSnapshot) -> str:
         """Reason to cut the motors."""
         tilt = f"tilted by {degrees(vehicle.tilt_rad):.0f} degrees"
-        if (vehicle.timer_ns - self._upright_ns) * 1e-9 >= TILT_TIMEOUT_S:
+        tilted_s = (vehicle.timer_ns - self._upright_ns) * 1e-9 - vehicle.telemetry_age_s  # until the last measurement
+        if tilted_s >= TILT_TIMEOUT_S:
             return f"motors cut: {tilt} for {TILT_TIMEOUT_S:g} s"
         if (vehicle.timer_ns - self._free_ns) * 1e-9 >= WEDGED_TIMEOUT_S:
             return (

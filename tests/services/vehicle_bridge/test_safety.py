@@ -181,6 +181,18 @@ def test_a_tilt_above_sixty_degrees_for_half_a_second_disarms(seconds: float, ki
     assert (rig.status.code == 13) == killed
 
 
+def test_a_large_tilt_in_the_tenth_of_a_second_before_telemetry_stops_cuts_no_motors() -> None:
+    rig = Rig().fly()
+    rig.autopilot.q = list(quat_from_euler(1.1, 0.0, 0.0))
+    rig.run(0.1)
+    rig.autopilot.silent = True
+    rig.run(3.0)
+    rig.autopilot.silent, rig.autopilot.q = False, [1.0, 0.0, 0.0, 0.0]
+    rig.run(1.0)
+    assert rig.autopilot.armed
+    assert rig.status.code == 3
+
+
 def test_a_vehicle_that_hangs_on_something_and_can_not_climb_is_disarmed() -> None:
     rig = Rig().fly(0.4)
     rig.request(HOVER, Hover(hover_pos=(0.0, 0.0, -3.0)))
