@@ -248,6 +248,8 @@ class MissionService:
             self._record = replace(record, altitude_m=None)
             action, fields = self._actions[step.action], step.goal if record.rest is None else record.rest
             self._run = StepGoal(action, goal_of(action, fields, record.goal_id, t_ns))
+        if isinstance(self._run, StepGoal) and status.paused and status.goal_id == self._run.goal_id:
+            yield from self._run.resume()  # it flies on since the run of this service before, which had paused it
         yield from self._run.step(t_ns, inbox, paused=False)
 
     def _after(self, record: MissionRecord, end: StepEnd, status: Status | None) -> MissionRecord:

@@ -564,6 +564,17 @@ def test_a_stop_after_a_restart_of_the_service_ends_the_missions_goal_if_it_stil
     assert flown.state == ("interrupted" if ended else "stopped")
 
 
+def test_a_goal_that_was_paused_before_a_restart_of_the_service_goes_on_by_command() -> None:
+    record = MissionRecord(mission=Mission(name="m", steps=(STEP,)), mission_id="m-1", state="paused")
+    flown = Flown(record)
+    paused = replace(in_charge("m-1.1.1"), paused=True)
+    assert flown.command(paused, "resume").accepted
+    calls = flown.calls(paused)
+    assert [tag for tag, _ in calls if tag.endswith("/goal")] == ["m-1.1.1/goal"]
+    assert resumes(calls) == ["m-1.1.1/resume"]
+    assert resumes(flown.calls(in_charge("m-1.1.1"))) == []
+
+
 def test_a_mission_of_a_stack_that_was_restarted_takes_off_to_the_altitude_of_its_step() -> None:
     record = MissionRecord(mission=Mission(name="m", steps=(STEP,)), mission_id="m-1", step_altitude_m=8.0)
     flown = Flown(record)
