@@ -237,10 +237,13 @@ class MissionService:
         if not landed:
             record = replace(record, step_altitude_m=self._with_altitude(record, status).altitude_m)
         is_takeoff = isinstance(step, GoalStep) and step.action == TAKEOFF.name
-        if record.altitude_m is not None and landed and not is_takeoff:
+        takeoff_id = f"{record.goal_id}.takeoff"
+        if status.goal_id == takeoff_id:  # it flies on since the run of this service before
             self._takes_off, self._record = True, record
-            goal_id = f"{record.goal_id}.takeoff"
-            self._run = StepGoal(TAKEOFF, goal_of(TAKEOFF, {"altitude_m": record.altitude_m}, goal_id, t_ns))
+            self._run = StepGoal(TAKEOFF, takeoff_id)
+        elif record.altitude_m is not None and landed and not is_takeoff:
+            self._takes_off, self._record = True, record
+            self._run = StepGoal(TAKEOFF, goal_of(TAKEOFF, {"altitude_m": record.altitude_m}, takeoff_id, t_ns))
         elif isinstance(step, WaitStep):
             self._record = replace(record, altitude_m=None)
             self._run = Wait(t_ns, step.duration_s if record.rest is None else float(record.rest["duration_s"]))

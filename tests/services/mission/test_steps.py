@@ -2,15 +2,17 @@
 
 from typing import Any
 
+import msgspec
 import pytest
 from msgspec.structs import replace
 
 from jezero.runtime.service import Response
-from jezero.schemas.actions import Cancel, PauseReply, Result, Resume, ResumeReply
+from jezero.schemas.actions import Cancel, PauseReply, Result, ResultReply, Resume, ResumeReply
 from jezero.schemas.goals import AreaCoverageGoal, CoverageResult
 from jezero.schemas.mission import FailurePolicy, GoalStep, Mission, MissionCommand, Step, WaitStep
 from jezero.schemas.state import Status
 from jezero.services.mission.record import MissionRecord
+from tests.client.rig import a_result
 from tests.services.mission.rig import FLYING, LANDED, STEP, Flown, at_altitude
 
 WAIT = WaitStep(label="look around", duration_s=10.0)
@@ -573,6 +575,19 @@ def test_a_goal_that_was_paused_before_a_restart_of_the_service_goes_on_by_comma
     assert [tag for tag, _ in calls if tag.endswith("/goal")] == ["m-1.1.1/goal"]
     assert resumes(calls) == ["m-1.1.1/resume"]
     assert resumes(flown.calls(in_charge("m-1.1.1"))) == []
+
+
+def test_a_takeoff_that_flies_on_since_a_restart_of_the_service_ends_before_the_step_begins() -> None:
+    record = MissionRecord(mission=Mission(name="m", steps=(STEP,)), mission_id="m-1", altitude_m=5.0)
+    flown, climbing = Flown(record), in_charge("m-1.1.1.takeoff", "takeoff")
+    assert flown.command(climbing, "resume").accepted
+    assert not any(tag.endswith("/goal") for tag, _ in flown.calls(climbing))
+    assert flown.progress.goal_id == "m-1.1.1.takeoff"
+    done = a_result("succeeded")
+    text = msgspec.json.encode(replace(done, goal_id="m-1.1.1.takeoff")).decode()
+    reply = ResultReply(goal_id="m-1.1.1.takeoff", action="takeoff", running=False, result=text)
+    calls = flown.calls(FLYING, Response("m-1.1.1.takeoff/result", reply))
+    assert [tag for tag, _ in calls if tag.endswith("/goal")] == ["m-1.1.1/goal"]
 
 
 def test_a_mission_of_a_stack_that_was_restarted_takes_off_to_the_altitude_of_its_step() -> None:
