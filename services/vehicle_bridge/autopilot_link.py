@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from math import isfinite, nan, sqrt
+from math import nan, sqrt
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -325,10 +325,18 @@ class AutopilotLink:
             self._codec.malformed += 1
 
     def _on_attitude(self, message: MavMessage, _batch: TelemetryBatch) -> None:
-        q = (message.q1, message.q2, message.q3, message.q4)
+        if not self._is_narrow:
+            return
         rates_rps = (message.rollspeed, message.pitchspeed, message.yawspeed)
-        if self._is_narrow and all(isfinite(number) for number in (*q, *rates_rps)) and any(q):
-            self._pair.on_attitude(message.time_boot_ms * NS_PER_MS, quat_normalize(q), rates_rps)
+        try:
+            q = quat_normalize((message.q1, message.q2, message.q3, message.q4))
+        except ValueError:
+            self._codec.malformed += 1
+            return
+        if not _is_small(_ZERO, _ZERO, rates_rps):
+            self._codec.malformed += 1
+            return
+        self._pair.on_attitude(message.time_boot_ms * NS_PER_MS, q, rates_rps)
 
     def _on_local_position(self, message: MavMessage, batch: TelemetryBatch) -> None:
         if not self._is_narrow:

@@ -56,6 +56,31 @@ def test_odometry_is_vehicle_time_and_world_ned() -> None:
     assert received.std_pos_m == pytest.approx(0.3)
 
 
+@pytest.mark.parametrize(
+    ("q", "rate_rps"),
+    [
+        ((0.0, 0.0, 0.0, 0.0), 0.0),
+        ((1e-20, 0.0, 0.0, 0.0), 0.0),
+        ((1.0, 1e38, 0.0, 0.0), 0.0),
+        ((nan, 0.0, 0.0, 0.0), 0.0),
+        ((1.0, 0.0, 0.0, 0.0), nan),
+        ((1.0, 0.0, 0.0, 0.0), 1e30),
+    ],
+)
+def test_an_impossible_attitude_on_a_narrow_line_is_counted_and_dropped(
+    q: tuple[float, float, float, float], rate_rps: float
+) -> None:
+    link = AutopilotLink(1, on_hardware=True)
+    assert link.rate is not None
+    link.rate.narrow = True
+    position = dialect.MAVLink_local_position_ned_message(1000, 1.0, 2.0, -3.0, 0.0, 0.0, 0.0)
+    receive(link, dialect.MAVLink_attitude_quaternion_message(1000, *q, rate_rps, 0.0, 0.0), position)
+    assert link.malformed == 1
+    assert link.telemetry.odometry is None
+    receive(link, dialect.MAVLink_attitude_quaternion_message(1000, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), position)
+    assert link.telemetry.odometry is not None
+
+
 def test_the_echo_of_a_setpoint_has_the_time_since_the_autopilots_boot_and_nan_in_each_axis_that_is_masked() -> None:
     fields = (1.0, 2.0, -3.0, 0.5, 0.25, -0.125, 0.0, 0.0, 0.0, 0.0, 0.0)
     for mask, expected in ((0b000111, (nan, nan, nan, 0.5, 0.25, -0.125)), (0b111000, (1.0, 2.0, -3.0, nan, nan, nan))):
