@@ -271,6 +271,8 @@ class PlainLanding:
 
 STALLED_SPEED_RATIO = 0.5
 """A vehicle is stalled while it descends at less than this ratio of the commanded speed."""
+RISING_MPS = 0.2
+"""A vehicle that rises faster than this, as at the end of a go-around, touches nothing."""
 STALLED_MIN_S = 0.2
 """A shorter stall may be a gust, and doesn't count as contact."""
 CONTACT_MEMORY_S = 0.2
@@ -297,7 +299,9 @@ class TiltContactDetector:
         """Add the state of a vehicle that is commanded to descend; returns whether it tilts over an obstacle."""
         passed_s = min(max((t_ns - self._t_ns) / NS_PER_S, 0.0), STEP_MAX_S)
         self._t_ns = t_ns
-        if self._free_tilt_ned is None or state.vel_uav_ned_mps[2] >= STALLED_SPEED_RATIO * down_commanded_mps:
+        down_mps = state.vel_uav_ned_mps[2]
+        moves = down_mps >= STALLED_SPEED_RATIO * down_commanded_mps or down_mps < -RISING_MPS
+        if self._free_tilt_ned is None or moves:
             self._moved_ns, self._tilted = t_ns, False
         if self._free_tilt_ned is not None and is_tilted_by_contact(state.down_ned, self._free_tilt_ned):
             self._tilted = True

@@ -379,6 +379,26 @@ def test_a_vehicle_that_slides_again_and_again_ends_its_landing_in_a_hover() -> 
     assert "the vehicle slid on what it touched, in spite of 3 go-arounds" in done.reason
 
 
+@pytest.mark.parametrize("sideways", [False, True])
+def test_a_gust_that_tilts_a_vehicle_which_still_rises_after_a_slide_is_no_edge(sideways: bool) -> None:
+    flight = Flight((0.0, 0.0, -2.0))
+    flight.grounded = False
+    flight.run(20.0, until="contact")
+    for step in range(100):
+        flight.pos_m = (0.02 * step, 0.0, 0.0)
+        flight.run(0.02)
+        if flight.phase == "go_around":
+            break
+    assert flight.run(5.0, until="descent") is None
+    assert flight.vel_mps[2] < -1.0, "it still rises"
+    flight.q_ned_from_frd = tilted(0.25, sideways=sideways)
+    assert flight.run(0.3) is None
+    flight.q_ned_from_frd = (1.0, 0.0, 0.0, 0.0)
+    assert flight.run(1.0) is None
+    assert flight.phase == "descent"
+    assert flight.moves[-1][2].vel_ned_mps is not None and flight.moves[-1][2].vel_ned_mps[2] > 0.0, "it descends"
+
+
 def test_a_pause_hovers_in_the_descent_and_climbs_first_when_it_is_low() -> None:
     flight = Flight((0.0, 0.0, -2.0))
     assert flight.behaviour.pause_refusal(flight.state()) == ""
