@@ -330,8 +330,8 @@ class RoverLanding:
         """Fly to the rover's supposed position, then around it, higher and wider."""
         north_m, east_m, down_m = subtract(state.pos_uav_ned_m, supposed_ned_m)
         height_m = altitude_m(down_m)
+        self._phase = "search"
         if self._search is None:
-            self._phase = "search"
             low_m = self._land.height_approach_m
             self._search = Search(t_ns, max(low_m, height_m), self._land.search)
         search = self._search

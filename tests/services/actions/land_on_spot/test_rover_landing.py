@@ -144,6 +144,20 @@ def test_a_rover_found_in_the_search_is_landed_on() -> None:
     assert landing.phases == ["approach", "descent", "hold", "search", "contact"]
 
 
+def test_a_search_that_a_contradiction_has_interrupted_goes_on_as_a_search() -> None:
+    landing = Landing(BOTH, sees=lambda t_s, offset_m: t_s < 6.0)
+    assert landing.run(14.0) is None
+    assert landing.moves[-1][2].feedback.phase == "search"
+    landing.contradicted = "UWB and tag contradict each other"
+    assert landing.run(1.0) is None
+    assert landing.moves[-1][2].feedback.phase == "hold"
+    landing.contradicted = ""
+    assert landing.run(1.0) is None
+    move = landing.moves[-1][2]
+    assert move.vel_ned_mps is not None and hypot(*move.vel_ned_mps) > 0.5
+    assert move.feedback.phase == "search"
+
+
 def test_a_height_that_jumps_up_in_the_search_does_not_bring_it_down_fast() -> None:
     landing = Landing(BOTH, sees=lambda t_s, offset_m: t_s < 6.0)
     assert landing.run(14.0) is None
