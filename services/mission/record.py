@@ -120,6 +120,16 @@ class MissionRecord(msgspec.Struct, frozen=True, kw_only=True):
             altitude_m=altitude_m,
         )
 
+    def from_ground(self, *, armed: bool) -> "MissionRecord":
+        """The mission after a landing that nobody has seen, with the altitude of the takeoff before its step.
+
+        Args:
+            armed: the motors run, so that a goal may still be in charge; else the one that flew before is over, and its
+                result must not count for the next one.
+        """
+        record = self if armed or self.step_altitude_m is None else self.next_attempt(None)
+        return replace(record, altitude_m=self.step_altitude_m)
+
     def next_attempt(self, rest: dict[str, Any] | None) -> "MissionRecord":
         """The mission at the next try of its present step.
 

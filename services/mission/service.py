@@ -390,7 +390,7 @@ class MissionService:
             self._interventions = None
             self._record = record.in_state("running")
             if status is not None and status.landed and record.altitude_m is None:  # the stack was restarted
-                self._record = replace(self._record, altitude_m=record.step_altitude_m)
+                self._record = self._record.from_ground(armed=status.armed)
             if isinstance(run, StepGoal):
                 yield from run.resume()
         elif command == "pause":

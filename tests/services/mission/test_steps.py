@@ -605,6 +605,19 @@ def test_a_mission_of_a_stack_that_was_restarted_takes_off_to_the_altitude_of_it
     assert [name for name, _ in flown.goals(FLYING)] == ["go_to"]
 
 
+def test_after_a_restart_and_a_landing_the_result_of_the_goal_that_flew_before_is_not_taken_for_that_of_the_next() -> (
+    None
+):
+    record = MissionRecord(mission=Mission(name="m", steps=(STEP,)), mission_id="m-1", step_altitude_m=8.0)
+    flown = Flown(record)
+    assert flown.command(LANDED, "resume").accepted
+    assert [tag for tag, _ in flown.calls(LANDED)] == ["m-1.1.2.takeoff/goal"]
+    assert [tag for tag, _ in flown.end_goal(FLYING)] == ["m-1.1.2/goal"]
+    flown = Flown(record)
+    assert flown.command(FLYING, "resume").accepted
+    assert [tag for tag, _ in flown.calls(FLYING)] == ["m-1.1.1/goal"], "it may still fly"
+
+
 def test_progress_is_published_twice_a_second_and_at_each_change() -> None:
     flown = Flown()
     for _ in range(40):
