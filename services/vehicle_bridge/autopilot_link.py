@@ -439,10 +439,18 @@ class AutopilotLink:
             self.telemetry.warning = text
             self.telemetry.warning_ns = batch.timer_ns
 
+    def _is_for_us(self, message: MavMessage) -> bool:
+        """Whether a reply is to this bridge, and not to another program on a network of MAVLink."""
+        return (message.target_system, message.target_component) == (self._system_id, COMPONENT_ID)
+
     def _on_ack(self, message: MavMessage, batch: TelemetryBatch) -> None:
         command = self._present
-        to_us = (message.target_system, message.target_component) == (self._system_id, COMPONENT_ID)
-        if command is None or not to_us or message.command != _COMMANDS[command][0] or self._tries == 0:
+        if (
+            command is None
+            or message.command != _COMMANDS[command][0]
+            or self._tries == 0
+            or not self._is_for_us(message)
+        ):
             return
         if message.result in (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_IN_PROGRESS):
             self.acknowledged = command
@@ -469,7 +477,7 @@ class AutopilotLink:
         batch.altimeter.append(altimeter)
 
     def _on_fence_message(self, message: MavMessage, batch: TelemetryBatch) -> None:
-        if (item := self.fence.on_message(message, batch.timer_ns)) is not None:
+        if self._is_for_us(message) and (item := self.fence.on_message(message, batch.timer_ns)) is not None:
             self._fence_items += self._codec.pack(item)
 
     # -- out --

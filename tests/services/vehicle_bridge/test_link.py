@@ -351,3 +351,12 @@ def test_ranges_are_requested_of_a_real_vehicles_autopilot_only() -> None:
     for link, wanted in ((AutopilotLink(1, on_hardware=True), True), (AutopilotLink(1), False)):
         asked = {int(message.param1) for message in MavlinkCodec(1, 1).parse(link.request_intervals())}
         assert (dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR in asked) is wanted
+
+
+def test_replies_to_another_programs_fence_are_not_ours() -> None:
+    link, kind = AutopilotLink(1), dialect.MAV_MISSION_TYPE_FENCE
+    link.fence.start([(5001, 3, (47.0, 8.0 + 0.001 * corner)) for corner in range(3)])
+    receive(link, dialect.MAVLink_mission_ack_message(255, 190, dialect.MAV_MISSION_ACCEPTED, kind))
+    assert not link.fence.done
+    receive(link, dialect.MAVLink_mission_ack_message(1, 191, dialect.MAV_MISSION_ACCEPTED, kind))
+    assert link.fence.done
