@@ -348,6 +348,15 @@ def test_a_vehicle_that_is_carried_along_while_its_motors_run_took_off_where_the
     assert rig.status.takeoff_ned_m == (0.0, 0.0, 0.0)
 
 
+def test_a_bridge_is_starting_until_the_first_telemetry_and_degraded_when_that_ends() -> None:
+    rig, states = Rig(), []
+    for seconds, silent in ((0.5, True), (5.0, False), (3.0, True)):
+        rig.autopilot.silent = silent
+        rig.run(seconds)
+        states.append([output.state for output in rig.outputs if isinstance(output, Health)][-1])
+    assert states == ["starting", "ok", "degraded"]
+
+
 def test_the_health_of_an_idle_bridge_says_why_the_vehicle_is_not_ready() -> None:
     rig = Rig().ready()
     rig.autopilot.armable = False
