@@ -115,6 +115,7 @@ class Launcher:
         self._level: list[str] = []
         self._written: RunState | None = None
         self._ready_printed = False
+        self._failures_printed: set[str] = set()
 
     def run(self) -> int:
         """Run until the end; returns the exit code, 1 if a service failed."""
@@ -379,12 +380,20 @@ class Launcher:
         return ""
 
     def _print_ready(self, start_s: float) -> None:
-        ready = self._written is not None and self._written.ready
-        if ready and not self._ready_printed:
+        """Print once that the vehicle is ready, and before that each reason why it can't become ready."""
+        state = self._written
+        if state is None or self._ready_printed or self._stopping is not None:
+            return
+        if state.ready:
             self._output.print_line(f"ready after {time.monotonic() - start_s:.1f} s")
-            for line in self._written.addresses if self._written is not None else ():
+            for line in state.addresses:
                 self._output.print_line(line)
-        self._ready_printed |= ready
+        for service in state.services:
+            if service.state == "failed" and service.text not in self._failures_printed:
+                self._failures_printed.add(service.text)
+                reason = f"{service.service} failed: {service.text}"
+                self._output.print_line(f"not ready: {reason}; end the stack with Ctrl+C, and mend that")
+        self._ready_printed = state.ready
 
     def _write(self, reason: str) -> None:
         """Write the state, where it has changed.

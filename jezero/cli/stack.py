@@ -163,7 +163,7 @@ def _read_services(path: Path, profiles: tuple[str, ...], *, linked: bool) -> "d
         raise click.ClickException(f"{path}: {error.strerror if isinstance(error, OSError) else error}") from error
     for refusal in refused_plugins().values():
         click.echo(f"no server for {refusal}", err=True)
-    if "autopilot" in services and (refusal := _autopilot_refusal()):
+    if refusal := _settings_refusal(has_autopilot="autopilot" in services):
         raise click.ClickException(refusal)
     if missing := [needed for name, needed in NEEDS.items() if name in services and not _is_installed(needed)]:
         raise click.ClickException(f"this command {extra_hint(*missing)}")
@@ -173,19 +173,20 @@ def _read_services(path: Path, profiles: tuple[str, ...], *, linked: bool) -> "d
     return services
 
 
-def _autopilot_refusal() -> str:
+def _settings_refusal(*, has_autopilot: bool) -> str:
     """Reason why the chosen autopilot can't fly in the chosen world, or ""; without settings too, which the launcher
     misses in words of its own.
 
     Raises:
-        ConfigError: the settings are malformed.
+        ConfigError: the settings that all services read are malformed, which each would say otherwise.
     """
     from jezero.base.config import chosen_autopilot, config_directory, load_config
     from jezero.base.vehicle_config import VehicleConfig, px4_refusal
 
     if not config_directory().is_dir():
         return ""
-    return px4_refusal(load_config(VehicleConfig, "vehicle")) if chosen_autopilot() == "px4" else ""
+    vehicle = load_config(VehicleConfig, "vehicle")
+    return px4_refusal(vehicle) if has_autopilot and chosen_autopilot() == "px4" else ""
 
 
 def _is_installed(package: str) -> bool:

@@ -1,5 +1,6 @@
 """When the launcher says that the stack is ready, and why it isn't."""
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -70,6 +71,25 @@ def test_a_degraded_service_is_named_although_the_vehicle_is_ready(bus: Bus) -> 
     assert bus.launcher._not_ready_reason() == "vehicle_bridge is degraded: the parameters are being set"
     bus.bridge_health("ok", "linked")
     assert bus.launcher._not_ready_reason() == ""
+
+
+def test_a_service_that_failed_is_named_once_and_a_ready_vehicle_afterwards(
+    bus: Bus, capsys: pytest.CaptureFixture[str]
+) -> None:
+    launcher, toy = bus.launcher, bus.launcher._slots["toy"]
+    launcher._output._terminal = sys.stdout
+    toy.state, toy.text = "failed", "ended with exit code 78: toy.toml: there is no setting 'colour'"
+    bus.status()
+    bus.bridge_health("ok", "linked")
+    for _ in range(2):
+        launcher._advance()
+        launcher._print_ready(0.0)
+    assert capsys.readouterr().out == f"not ready: toy failed: {toy.text}; end the stack with Ctrl+C, and mend that\n"
+    toy.state = "running"
+    for _ in range(2):
+        launcher._advance()
+        launcher._print_ready(0.0)
+    assert capsys.readouterr().out.count("ready after") == 1
 
 
 def test_a_well_bridge_is_not_enough_while_its_status_says_why_the_vehicle_is_not_ready(bus: Bus) -> None:
