@@ -52,6 +52,7 @@ WIND = click.option(
 )  # fmt: skip
 COLOURS = {"succeeded": "green", "failed": "red", "interrupted": "yellow", "stopped": "yellow"}
 GOES_ON = "the mission goes on; jezero mission status shows it, jezero mission stop ends it"
+WAITS = "this command waits until the mission goes on or is stopped; Ctrl+C ends the command alone"
 BUSY_TRIES, BUSY_S = 10, 0.3
 Wind = tuple[float, float]
 """Speed in m/s, and the direction from which it blows, in degrees clockwise from north."""
@@ -407,6 +408,8 @@ def _follow(printer: Printer, uav: "Vehicle", mission_id: str) -> None:
     try:
         for progress in _changes(uav, mission_id):
             _show_progress(printer, progress)
+            if progress.state in ("interrupted", "paused"):
+                printer.event("waiting", WAITS, mission_id=mission_id)
             last = progress
     except KeyboardInterrupt:
         printer.event("interrupted", GOES_ON, mission_id=mission_id)

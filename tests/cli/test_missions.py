@@ -11,7 +11,7 @@ from click.testing import CliRunner, Result
 from jezero.cli.main import main
 from jezero.cli.missions import _follow, progress_in_words
 from jezero.cli.terminal import ABORTED, INCOMPLETE, Printer
-from jezero.schemas.mission import MissionProgress
+from jezero.schemas.mission import MissionProgress, MissionState
 
 NOBODY = ("--router", "tcp/127.0.0.1:1")
 """Address of a router that doesn't run."""
@@ -66,17 +66,17 @@ def progress(**fields: Any) -> MissionProgress:
 
 
 class Flown:
-    """A vehicle whose mission has one progress: its end."""
+    """A vehicle whose mission has these progresses, the last one is its end."""
 
-    def __init__(self, end: MissionProgress) -> None:
-        self._end = end
+    def __init__(self, *progresses: MissionProgress) -> None:
+        self._progresses = progresses
 
     @property
     def mission(self) -> "Flown":
         return self
 
     def watch(self) -> Iterator[MissionProgress]:
-        yield self._end
+        yield from self._progresses
 
 
 @pytest.mark.parametrize(
@@ -100,3 +100,12 @@ def test_an_end_without_some_steps_differs_from_success(end: MissionProgress, wo
     with pytest.raises(SystemExit) as ended:
         _follow(Printer(False), vehicle, "m")
     assert ended.value.code == code
+
+
+@pytest.mark.parametrize("state", ["interrupted", "paused"])
+def test_a_mission_that_waits_says_so_and_how_to_end_the_command(
+    state: MissionState, capsys: pytest.CaptureFixture[str]
+) -> None:
+    vehicle: Any = Flown(progress(state=state), progress(state="running"), progress(state="succeeded"))
+    _follow(Printer(False), vehicle, "m")
+    assert capsys.readouterr().out.count("this command waits until the mission goes on") == 1
