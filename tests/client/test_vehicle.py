@@ -282,9 +282,22 @@ def test_without_a_router_connecting_says_so_in_time() -> None:
 
 def test_without_a_server_a_goal_is_unreachable_at_once(vehicle: Vehicle) -> None:
     start = time.monotonic()
-    with pytest.raises(Unreachable, match=r"no server replies on @action/takeoff of v"):
+    with pytest.raises(
+        Unreachable, match=r"no server replies on @action/takeoff of v: the stack is up, but this service"
+    ):
         vehicle.takeoff()
     assert time.monotonic() - start < 0.5
+
+
+def test_of_a_vehicle_that_is_not_there_only_a_request_with_an_effect_may_have_arrived(
+    endpoint: str, server: Server
+) -> None:
+    with Vehicle.connect("w", router=endpoint) as vehicle:
+        server.clients.append(vehicle._connection._session)
+        with pytest.raises(Unreachable, match=r"is the stack up\?.* may have arrived"):
+            vehicle.takeoff()
+        with pytest.raises(Unreachable, match=r"the link to that computer may be cut$"):
+            vehicle.status()
 
 
 def test_a_server_that_never_accepts_times_out_and_the_goal_is_withdrawn(
