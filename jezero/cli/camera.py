@@ -23,8 +23,6 @@ MODELS = ("plumb_bob", "rational_polynomial", "equidistant")
 FILE = click.Path(path_type=Path, dir_okay=False)
 FOLDER = click.Path(path_type=Path, file_okay=False)
 FRAME_TIMEOUT_S = 5.0
-WIDTH = 110
-"""Characters of the line that says what to do."""
 
 
 @camera.command()
@@ -135,7 +133,7 @@ def _views_of_camera(folder: Path, made: "Board", vehicle: str, router: str) -> 
                 while not guide.done:
                     _look(guide, made, stream.next(FRAME_TIMEOUT_S), folder)
         except KeyboardInterrupt:
-            click.echo("\nended early")
+            click.echo("ended early")
     return guide.views, size_px
 
 
@@ -145,9 +143,11 @@ def _look(guide: "Guide", made: "Board", frame: "CameraFrame", folder: Path) -> 
     import numpy as np
 
     rgb = np.frombuffer(frame.pixels, np.uint8).reshape(frame.height_px, frame.width_px, 3)
+    said = guide.said
     if guide.update(made.find(np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8))):
         cv2.imwrite(str(folder / f"{len(guide.views):03}.png"), cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
-    click.echo(f"\r{f'{len(guide.views)} kept; {guide.said}'[:WIDTH]:<{WIDTH}}", nl=guide.done)
+    if guide.said != said:
+        click.echo(f"{len(guide.views)} kept; {guide.said}")
 
 
 @camera.command()
