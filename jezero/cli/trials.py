@@ -190,6 +190,7 @@ def _sea(
     """Check height, period and tilt of the waves as the simulator's settings do."""
     import msgspec
 
+    from jezero.base.mistakes import mistake
     from jezero.services.simulator.config import SeaConfig
 
     if value is None:
@@ -197,7 +198,7 @@ def _sea(
     try:
         msgspec.convert(dict(zip(("wave_height_m", "period_s", "tilt_deg"), value, strict=True)), SeaConfig)
     except msgspec.ValidationError as error:
-        raise click.BadParameter(f"{error}: write for example --sea 0.5 5 5") from None
+        raise click.BadParameter(f"{mistake(error, SeaConfig)}; write for example --sea 0.5 5 5") from None
     return value
 
 
