@@ -53,6 +53,8 @@ def request_fence(connection: Connection) -> FenceState:
 
 def set_fence(connection: Connection, fence: Fence | None) -> None:
     """See `Vehicle.set_fence`."""
+    if not isinstance(fence, Fence | None):
+        raise ValueError(f"{fence!r} is no Fence: jezero.mission_files.read_fence reads one from a file")
     reply: FenceReply = connection.request(SET_FENCE, SetFence(fence=fence), REPLY_TIMEOUT_S)
     if not reply.accepted:
         raise Refused(reply.reason)

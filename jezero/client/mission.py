@@ -32,7 +32,10 @@ class Missions:
             Refused: another mission is flown, or a step has no valid goal.
             Unreachable: no mission service replies.
             TimedOut: the reply is missing.
+            ValueError: it is no mission, such as the name of a file.
         """
+        if not isinstance(mission, Mission):
+            raise ValueError(f"{mission!r} is no Mission: jezero.mission_files.read_mission reads one from a file")
         return self._request(RUN_MISSION, mission)
 
     def pause(self) -> None:

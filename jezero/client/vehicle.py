@@ -180,6 +180,7 @@ class Vehicle:
 
         Raises:
             Refused: the vehicle is armed.
+            ValueError: it is no fence, such as the name of a file.
         """
         control.set_fence(self._connection, fence)
 

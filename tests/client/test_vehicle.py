@@ -2,6 +2,7 @@
 
 import threading
 import time
+from typing import Any
 
 import msgspec
 import pytest
@@ -458,3 +459,11 @@ def test_the_goal_says_what_it_is(vehicle: Vehicle, server: Server) -> None:
     goal.result()
     assert repr(goal) == "<takeoff goal g: succeeded>"
     assert topics.TAKEOFF.goal_type is TakeoffGoal
+
+
+def test_the_name_of_a_file_is_no_fence_and_no_mission(vehicle: Vehicle) -> None:
+    name: Any = "field.yaml"
+    with pytest.raises(ValueError, match=r"'field.yaml' is no Fence: jezero.mission_files.read_fence reads one"):
+        vehicle.set_fence(name)
+    with pytest.raises(ValueError, match=r"'field.yaml' is no Mission: jezero.mission_files.read_mission reads one"):
+        vehicle.mission.run(name)
