@@ -17,7 +17,16 @@ from jezero.base.files import naming
 from jezero.base.mistakes import mistake, own_fields, unknown
 from jezero.cli import completion
 from jezero.cli.goals import fly_goal, point_in_words, send_goal
-from jezero.cli.options import FINITE, FRAMES, NUMBERS, FiniteRange, common_options, flight_options, world_option
+from jezero.cli.options import (
+    FINITE,
+    FRAMES,
+    NUMBERS,
+    FiniteRange,
+    PngFile,
+    common_options,
+    flight_options,
+    world_option,
+)
 from jezero.cli.terminal import REFUSED, Printer, connected
 
 if TYPE_CHECKING:
@@ -32,7 +41,6 @@ if TYPE_CHECKING:
 COLORS = {"passed": "green", "warning": "yellow", "failed": "red"}
 INDENT = 20
 """Colours of the preflight's verdicts, and the column of its texts."""
-PNG = click.Path(path_type=Path, dir_okay=False, writable=True)
 
 
 @click.command()
@@ -602,7 +610,7 @@ def camera() -> None:
 
 
 @camera.command()
-@click.argument("file", type=PNG)
+@click.argument("file", type=PngFile())
 @click.option("--timeout", "timeout_s", type=FINITE, default=3.0, show_default=True, help="Seconds to wait.")
 @common_options
 def snap(file: Path, timeout_s: float, vehicle: str, router: str, as_json: bool) -> None:
@@ -622,7 +630,7 @@ def snap(file: Path, timeout_s: float, vehicle: str, router: str, as_json: bool)
 
 
 @camera.command(context_settings=NUMBERS)
-@click.argument("file", type=PNG)
+@click.argument("file", type=PngFile())
 @click.option("--middle", nargs=2, type=FINITE, default=(0.0, 0.0), show_default=True, help="North, east in m.")
 @click.option("--side", "side_m", type=FiniteRange(0.1, 200.0), default=20.0, show_default=True, help="In m.")
 @click.option("--resolution", type=FiniteRange(0.001, 10.0), default=0.02, show_default=True, help="Metres per pixel.")

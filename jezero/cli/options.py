@@ -46,6 +46,21 @@ class FiniteRange(click.FloatRange):
         return FINITE.convert(super().convert(value, param, ctx), param, ctx)
 
 
+class PngFile(click.Path):
+    """A file that is written as a PNG, and named so."""
+
+    name = "file"
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path, dir_okay=False, writable=True)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        file = Path(os.fsdecode(super().convert(value, param, ctx)))
+        if file.suffix.lower() != ".png":
+            self.fail(f"{value} is no name of a PNG file: end it with .png", param, ctx)
+        return file
+
+
 class Router(click.ParamType[str]):
     """The address of a router, which becomes its endpoint with what `keys_option` and `insecure_option` say."""
 

@@ -22,6 +22,7 @@ from jezero.cli.options import (
     ROUTER_WAIT_S,
     FiniteRange,
     Origin,
+    PngFile,
     flight_options,
     origin_option,
     simulator_origin,
@@ -551,7 +552,7 @@ def _write_resume_goal(folder: Path, goal: "AreaCoverageGoal | None") -> None:
     show_default=True,
     help="Metres per pixel.",
 )
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="The map's file [FOLDER/map.png].")
+@click.option("--out", type=PngFile(), help="The map's file, a PNG [FOLDER/map.png].")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per line, the result last.")
 def map_(folder: Path, m_per_px: float, out: Path | None, as_json: bool) -> None:
     """Make a map from a coverage's images in FOLDER: a PNG with north at the top, a GeoTIFF and a KML overlay.
@@ -574,7 +575,7 @@ def map_pictures(printer: Printer, folder: Path, m_per_px: float = M_PER_PX, out
     from jezero.mapping.making import make_map
     from jezero.mapping.survey import SurveyError
 
-    file = (out or folder / "map.png").with_suffix(".png")
+    file = out or folder / "map.png"
     try:
         made = make_map(folder, m_per_px, load_config(VehicleConfig, "vehicle"))
         files = made.save(file)

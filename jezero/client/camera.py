@@ -50,14 +50,17 @@ class Camera:
         """Save the next image as a PNG file, and return it; its preview where no image comes for two seconds.
 
         Args:
-            file: the file.
+            file: the file, whose name ends with .png.
             timeout_s: longest wait for the image, of up to two seconds, and then for the preview.
 
         Raises:
             Unreachable: neither comes within `timeout_s`, or the connection was closed.
             JezeroError: there is a preview only, and no library that reads it.
             OSError: the file can't be written.
+            ValueError: its name has another ending.
         """
+        if Path(file).suffix.lower() != ".png":
+            raise ValueError(f"{file} is no name of a PNG file: end it with .png")
         frame = self._next(CAMERA, min(timeout_s, FRAME_TIMEOUT_S))
         if frame is not None:
             Path(file).write_bytes(png_of(frame.width_px, frame.height_px, frame.pixels))

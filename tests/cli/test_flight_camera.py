@@ -1,6 +1,7 @@
 """Pictures for people: PNG files, and what is said when there is no camera."""
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -9,6 +10,7 @@ from click.testing import CliRunner
 
 from jezero.base.codec import encode
 from jezero.cli.flight import camera
+from jezero.cli.survey import map_
 from jezero.cli.terminal import UNREACHABLE
 from jezero.client import JezeroError
 from jezero.client.png import png_of
@@ -50,3 +52,11 @@ def test_an_orthophoto_with_too_many_pixels_is_refused(tmp_path: Path) -> None:
     result = CliRunner().invoke(camera, arguments)
     assert result.exit_code == 2
     assert "20,000 pixels" in result.output
+
+
+@pytest.mark.parametrize("words", [(camera, "snap"), (camera, "orthophoto"), (map_, "folder", "--out")])
+def test_a_picture_under_a_name_of_another_kind_is_refused(words: Any, tmp_path: Path) -> None:
+    command, *arguments = words
+    result = CliRunner().invoke(command, [*arguments, str(tmp_path / "a.jpg")])
+    assert result.exit_code == 2
+    assert "a.jpg is no name of a PNG file: end it with .png" in result.output
