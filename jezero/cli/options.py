@@ -52,7 +52,7 @@ class PngFile(click.Path):
     name = "file"
 
     def __init__(self) -> None:
-        super().__init__(path_type=Path, dir_okay=False, writable=True)
+        super().__init__(dir_okay=False, writable=True)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         file = Path(os.fsdecode(super().convert(value, param, ctx)))

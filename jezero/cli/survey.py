@@ -324,6 +324,17 @@ class _Planned:
     reply: "PlanReply | None" = None
     fence: "Fence | None" = None
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a person should know before the plan is flown, the fence that it leaves among it."""
+        from jezero.base.fence import way_refusal
+
+        leaves = ""
+        if self.fence is not None:
+            way_ned_m = [(north_m, east_m, self.goal.z_ned_m) for north_m, east_m in self.coverage.path_ned_m]
+            leaves = way_refusal(self.fence, way_ned_m, from_ground=False, to_ground=False)
+        return tuple(text for text in (self.warning, leaves) if text)
+
 
 def _show_plan(
     request: CoverageRequest, origin: Origin | None, file: Path, *, vehicle: str, router: str, as_json: bool
@@ -358,8 +369,8 @@ def _show_plan(
         click.echo(f"flight      {flight_in_words(planned.reply)}")
         click.echo(f"plan        {coverage.plan_id}: with --plan-id {coverage.plan_id} exactly this plan is flown")
     click.echo(f"drawn in    {file}")
-    if planned.warning:
-        click.echo(f"warning: {planned.warning}", err=True)
+    for warning in planned.warnings:
+        click.echo(f"warning: {warning}", err=True)
 
 
 def place_in_words(goal: "AreaCoverageGoal", origin: Origin | None) -> str:
@@ -442,7 +453,7 @@ def _plan_fields(planned: _Planned) -> dict[str, object]:
         "time_s": round(coverage.duration_s, 3),
         "covered": round(coverage.covered, 5),
         "photographed": round(coverage.photographed, 5),
-        "warning": planned.warning,
+        "warning": "; ".join(planned.warnings),
         "start": planned.start,
         "battery_used": None if reply is None else reply.battery_used,
         "origin_deg": planned.origin.position_deg,

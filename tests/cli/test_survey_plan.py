@@ -12,6 +12,7 @@ from click.testing import CliRunner, Result
 from jezero import Vehicle
 from jezero.cli.main import main
 from jezero.schemas.actions import PlanReply
+from jezero.schemas.fence import Fence, FenceState, Zone
 from tests.cli.test_survey_flights import PLANNED
 from tests.client.rig import ODOMETRY, Server, a_status, endpoint, server, vehicle
 
@@ -75,6 +76,18 @@ def test_a_stack_that_would_not_fly_now_is_planned_for_from_the_vehicles_positio
     plan = fields(run(words, "--json"))
     assert plan["plan_id"] is None
     assert plan["start_ned_m"] == [3.5, 0.5]
+
+
+def test_a_plan_that_leaves_the_fence_says_so_whatever_else_keeps_it_from_flying(
+    words: list[str], stack: Server
+) -> None:
+    stack.serve("@action/area_coverage/plan", PlanReply(accepted=False, reason="it is on the ground: take off first"))
+    yard = Zone(name="yard", corners_ned_m=((-1.0, -1.0), (2.0, -1.0), (2.0, 9.0), (-1.0, 9.0)))
+    stack.serve("fence", FenceState(t_ns=0, fence=Fence(name="home", keep_in=yard), fence_id="1"))
+    done = run(words)
+    assert done.exit_code == 0, done.output
+    assert re.search(r"warning: the way (leaves|is outside) the fence 'home': .*'yard'", done.stderr), done.stderr
+    assert "'home'" in fields(run(words, "--json"))["warning"]
 
 
 def test_without_a_stack_the_plan_says_where_it_assumes_the_start(words: list[str], server: Server) -> None:
