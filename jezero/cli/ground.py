@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jezero.cli.options import RECORDING_PATH, Router, insecure_option, keys_option
+from jezero.cli.options import RECORDING_PATH, Router, insecure_option, keys_option, vehicle_option
 
 if TYPE_CHECKING:
     from jezero.services.ground_station.config import GroundStationConfig
@@ -28,7 +28,7 @@ FILE = click.Path(exists=True, dir_okay=False)
     help="Endpoint of the vehicle's router.",
 )
 @keys_option
-@click.option("--vehicle", envvar="JEZERO_VEHICLE", default="uav1", show_default=True, help="Vehicle's name.")
+@vehicle_option("Vehicle's name.")
 @click.option("--recording", type=RECORDING_PATH, help="Look back at this recording, or at those of a run's folder.")
 @click.option("--port", type=click.IntRange(1, 65535), help="Port of the pages [default: as in ground_station.toml].")
 @click.option("--listen", metavar="ADDRESS", help="IP address of the pages; 0.0.0.0 for all networks.")

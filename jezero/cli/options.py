@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from jezero.base.vehicle_name import checked_vehicle
 from jezero.keys.bundle import INSECURE_VARIABLE, endpoint_of
 from jezero.keys.bundle import VARIABLE as KEYS_VARIABLE
 
@@ -61,6 +62,18 @@ class PngFile(click.Path):
         return file
 
 
+class VehicleName(click.ParamType[str]):
+    """The name of a vehicle."""
+
+    name = "text"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        try:
+            return checked_vehicle(value)
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
+
+
 class Router(click.ParamType[str]):
     """The address of a router, which becomes its endpoint with what `keys_option` and `insecure_option` say."""
 
@@ -99,9 +112,14 @@ def vehicle_options(command: Callable[..., Any]) -> Callable[..., Any]:
         show_default=True,
         help="Router's endpoint.",
     )(command)
+    return vehicle_option("Vehicle's name.")(command)
+
+
+def vehicle_option(text: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """The option of the vehicle's name, with its help."""
     return click.option(
-        "--vehicle", envvar="JEZERO_VEHICLE", default="uav1", show_default=True, help="Vehicle's name."
-    )(command)
+        "--vehicle", envvar="JEZERO_VEHICLE", type=VehicleName(), default="uav1", show_default=True, help=text
+    )
 
 
 def keys_option(command: Callable[..., Any]) -> Callable[..., Any]:

@@ -14,7 +14,7 @@ import click
 from jezero.base.extras import require
 from jezero.base.router_address import is_loopback, shown_router
 from jezero.cli import completion
-from jezero.cli.options import FINITE, RECORDING_PATH, common_options
+from jezero.cli.options import FINITE, RECORDING_PATH, common_options, vehicle_option
 from jezero.cli.terminal import UNREACHABLE, Printer
 from jezero.schemas.units import NS_PER_S
 
@@ -243,8 +243,7 @@ def settings(file: Path, as_json: bool) -> None:
               help="Storage of the rosbag2.")  # fmt: skip
 @click.option("--humble", is_flag=True, help="A rosbag2 for ROS 2 Humble; else for Jazzy and later.")
 @click.option("--no-images", is_flag=True, help="A rosbag2 without the camera's images.")
-@click.option("--vehicle", envvar="JEZERO_VEHICLE", default="uav1", show_default=True,
-              help="Vehicle's name, in the names of the rosbag2's topics.")  # fmt: skip
+@vehicle_option("Vehicle's name, in the names of the rosbag2's topics.")
 def export(
     file: Path,
     folder: Path | None,
@@ -295,8 +294,7 @@ def export(
 @click.argument("target", type=click.Path(path_type=Path, dir_okay=False))
 @click.option("--topic", "topics", multiple=True, metavar="ROS=JEZERO",
               help="A topic of BAG that has another name than the bridge's; may be given several times.")  # fmt: skip
-@click.option("--vehicle", envvar="JEZERO_VEHICLE", default="uav1", show_default=True,
-              help="Vehicle's name, in the names of BAG's topics.")  # fmt: skip
+@vehicle_option("Vehicle's name, in the names of BAG's topics.")
 def import_(bag: Path, target: Path, topics: tuple[str, ...], vehicle: str) -> None:
     """Make a recording, TARGET, of BAG, a rosbag2: the estimator runs on its messages.
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar, cast, overload
 
+from jezero.base.vehicle_name import checked_vehicle
 from jezero.client import control
 from jezero.client.actions import Actions
 from jezero.client.camera import Camera
@@ -121,9 +122,11 @@ class Vehicle:
 
         Raises:
             Unreachable: no router replies within `timeout_s`, the bundle is missing or refused, or TLS is missing.
-            ValueError: the router's address is none.
+            ValueError: the vehicle's name or the router's address can't be one.
         """
-        vehicle = vehicle or os.environ.get("JEZERO_VEHICLE") or DEFAULT_VEHICLE
+        if vehicle is None:
+            vehicle = os.environ.get("JEZERO_VEHICLE") or DEFAULT_VEHICLE
+        vehicle = checked_vehicle(vehicle)
         router = router or os.environ.get("JEZERO_ROUTER") or DEFAULT_ROUTER
         insecure = insecure or os.environ.get(INSECURE_VARIABLE) == "1"
         try:

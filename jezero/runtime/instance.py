@@ -19,10 +19,9 @@ from msgspec import Meta
 from jezero.base.config import Config, ConfigError
 from jezero.base.mistakes import mistake
 from jezero.base.router_address import is_loopback, shown_router
+from jezero.base.vehicle_name import NAME_EXPECTED, NAME_PATTERN
 from jezero.keys.bundle import INSECURE_VARIABLE, given_endpoint
 from jezero.schemas.struct import END
-
-NAME_EXPECTED = "expected 1 to 32 letters, digits, '-' and '_'"
 
 LISTEN_VARIABLE, CONNECT_VARIABLE = "JEZERO_LISTEN", "JEZERO_CONNECT"
 
@@ -47,7 +46,7 @@ class Instance(Config, frozen=True, kw_only=True):
         gcs_port: UDP port of ground stations, the same for all vehicles (`JEZERO_GCS_PORT`).
     """
 
-    vehicle: Annotated[str, Meta(pattern=rf"^[A-Za-z0-9_-]{{1,32}}{END}")] = "uav1"
+    vehicle: Annotated[str, Meta(pattern=NAME_PATTERN)] = "uav1"
     router: Annotated[str, Meta(pattern=rf"^(tcp|tls|udp|unixsock-stream)/.+{END}")] = "tcp/127.0.0.1:7447"
     number: Annotated[int, Meta(ge=0, le=249)] = 0
     gcs_port: Annotated[int, Meta(ge=1, le=65535)] = 14550

@@ -65,3 +65,15 @@ def test_a_resolution_that_is_no_number_is_refused(words: tuple[str, ...]) -> No
     done = CliRunner().invoke(main, [*words, "--resolution", "nan"])
     assert done.exit_code == 2, done.output
     assert "Invalid value for '--resolution': nan is not a finite number" in done.output
+
+
+@pytest.mark.parametrize("name", ["new*", "*", "**", "", "a/b", "é", "v" * 33])
+@pytest.mark.parametrize(
+    "words",
+    ["status", "takeoff", "replay .", "ground", "recording export . --rosbag2 bag", "recording import . a.mcap"],
+)
+def test_a_name_that_no_vehicle_can_have_is_refused(words: str, name: str) -> None:
+    done = CliRunner().invoke(main, [*words.split(), "--vehicle", name])
+    assert done.exit_code == 2, done.output
+    sentence = f"the vehicle's name is {name!r}: expected 1 to 32 letters, digits, '-' and '_'"
+    assert f"Error: Invalid value for '--vehicle': {sentence}" in done.stderr

@@ -1,5 +1,7 @@
 """The client against a real router and hand-made servers, on a free loopback port."""
 
+import asyncio
+import re
 import threading
 import time
 from typing import Any
@@ -10,6 +12,7 @@ import zenoh
 from msgspec.structs import replace
 
 from jezero import Aborted, Canceled, JezeroError, Refused, TimedOut, Unreachable, Vehicle
+from jezero.aio.vehicle import Vehicle as AsyncVehicle
 from jezero.base.zenoh_client import client_config
 from jezero.schemas import topics
 from jezero.schemas.actions import (
@@ -467,3 +470,12 @@ def test_the_name_of_a_file_is_no_fence_and_no_mission(vehicle: Vehicle) -> None
         vehicle.set_fence(name)
     with pytest.raises(ValueError, match=r"'field.yaml' is no Mission: jezero.mission_files.read_mission reads one"):
         vehicle.mission.run(name)
+
+
+@pytest.mark.parametrize("name", ["new*", "*", "**", "", "a/b", "v\n", 5, b"v"])
+def test_a_name_that_no_vehicle_can_have_is_refused(name: Any, endpoint: str) -> None:
+    sentence = re.escape(f"the vehicle's name is {name!r}: expected 1 to 32 letters, digits, '-' and '_'")
+    with pytest.raises(ValueError, match=sentence):
+        Vehicle.connect(name, router=endpoint)
+    with pytest.raises(ValueError, match=sentence):
+        asyncio.run(AsyncVehicle.connect(name, router=endpoint))
