@@ -159,6 +159,20 @@ def _keep(ctx: click.Context, param: click.Parameter, value: Any) -> Any:
     return value
 
 
+def check_times(start_s: float, end_s: float | None, result: str) -> None:
+    """Refuse the values of `--from` and `--to` that no part of a recording has.
+
+    Args:
+        start_s: seconds from the start of the recording.
+        end_s: the same; None for its end.
+        result: what would be empty.
+    """
+    if start_s < 0.0:
+        raise click.UsageError(f"--from {start_s:g}: give seconds from the start of FILE, 0 or more")
+    if end_s is not None and end_s <= start_s:
+        raise click.UsageError(f"--to {end_s:g} is not after --from {start_s:g}: {result} would be empty")
+
+
 @dataclass(frozen=True)
 class Origin:
     """The world's origin, and where it is known from.

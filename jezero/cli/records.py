@@ -14,7 +14,7 @@ import click
 from jezero.base.extras import require
 from jezero.base.router_address import is_loopback, shown_router
 from jezero.cli import completion
-from jezero.cli.options import FINITE, RECORDING_PATH, common_options, vehicle_option
+from jezero.cli.options import FINITE, RECORDING_PATH, check_times, common_options, vehicle_option
 from jezero.cli.terminal import UNREACHABLE, Printer
 from jezero.schemas.units import NS_PER_S
 
@@ -334,10 +334,14 @@ def _name_pair(text: str) -> tuple[str, str]:
 @click.option("--from", "start_s", type=FINITE, default=0.0, help="Seconds from the start of FILE.")
 @click.option("--to", "end_s", type=FINITE, help="Seconds from the start of FILE.")
 @click.option("--topic", "topics", multiple=True, help="Only this topic; may be given several times.")
-def cut(file: Path, target: Path, start_s: float, end_s: float | None, topics: tuple[str, ...]) -> None:
+@click.option("--force", is_flag=True, help="Write over a file that exists.")
+def cut(file: Path, target: Path, start_s: float, end_s: float | None, topics: tuple[str, ...], force: bool) -> None:
     """Write a part of FILE as a new recording, TARGET."""
     from jezero.recording import editing, open_recording
 
+    check_times(start_s, end_s, "the new recording")
+    if target.exists() and not force:
+        raise click.ClickException(f"{target} exists: choose another name, or add --force")
     written = editing.cut(open_recording(file).path, target, start_s, end_s, topics)
     click.echo(f"wrote {target}: {written} messages")
 

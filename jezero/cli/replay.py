@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 import click
 
 from jezero.base.router_address import is_on_this_computer, shown_router
-from jezero.cli.options import FINITE, RECORDING_PATH, vehicle_options
+from jezero.cli.options import FINITE, RECORDING_PATH, check_times, vehicle_options
 from jezero.cli.terminal import FAILED, REFUSED, UNREACHABLE, Keyboard
 from jezero.schemas.units import NS_PER_S
 
@@ -96,21 +96,14 @@ def replay(
         return
     if own or settings or as_json:
         raise click.UsageError(f"{'--class' if own else '--set' if settings else '--json'} needs --through SERVICE")
-    _check_range(plain["speed"], plain["start_s"], plain["end_s"])
+    if not 0.001 <= plain["speed"] <= 1000.0:
+        raise click.UsageError(f"--speed {plain['speed']:g}: give a number from 0.001 to 1000")
+    check_times(plain["start_s"], plain["end_s"], "the replay")
     _replay_onto_bus(file, **plain)
 
 
 def _is_given(context: click.Context, name: str) -> bool:
     return context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
-
-
-def _check_range(speed: float, start_s: float, end_s: float | None) -> None:
-    if not 0.001 <= speed <= 1000.0:
-        raise click.UsageError(f"--speed {speed:g}: give a number from 0.001 to 1000")
-    if start_s < 0.0:
-        raise click.UsageError(f"--from {start_s:g}: give seconds from the start of FILE, 0 or more")
-    if end_s is not None and end_s <= start_s:
-        raise click.UsageError(f"--to {end_s:g} is not after --from {start_s:g}: the replay would be empty")
 
 
 def _replay_onto_bus(

@@ -16,6 +16,7 @@ from jezero.base.codec import encode
 from jezero.base.router_address import is_loopback
 from jezero.cli.main import main
 from jezero.cli.terminal import UNREACHABLE, USAGE
+from jezero.recording import open_recording
 from jezero.recording.writer import RecordingWriter
 from jezero.schemas import topics
 from jezero.schemas.actions import Rejected
@@ -238,3 +239,36 @@ def test_without_a_router_it_ends_with_a_sentence() -> None:
 )
 def test_only_loopback_needs_no_warning(host: str, loopback: bool) -> None:
     assert is_loopback(host) == loopback
+
+
+@pytest.mark.parametrize(
+    ("words", "exit_code", "sentence"),
+    [
+        (["--from", "50", "--to", "60"], 1, "flight.mcap lasts 2.9 s: a part from 50 s on is after its end"),
+        (["--from", "20", "--to", "10"], USAGE, "--to 10 is not after --from 20: the new recording would be empty"),
+        (["--from", "-5"], USAGE, "--from -5: give seconds from the start of FILE, 0 or more"),
+        (["--topic", "foo"], 1, "has no message of 'foo'; its topics: clock, odometry, sensor/altimeter, status"),
+        (["--topic", "status", "--to", "0.1"], 1, "has no message of these topics in this time"),
+    ],
+)
+def test_a_cut_that_would_be_empty_is_refused_and_changes_no_file(
+    words: list[str], exit_code: int, sentence: str, tmp_path: Path
+) -> None:
+    file, target = record(tmp_path / "flight.mcap"), tmp_path / "part.mcap"
+    target.write_text("what was there")
+    result = CliRunner().invoke(main, ["recording", "cut", str(file), str(target), "--force", *words])
+    assert result.exit_code == exit_code, result.output
+    assert sentence in result.stderr
+    assert target.read_text() == "what was there"
+
+
+def test_a_cut_is_written_over_a_file_only_with_force(tmp_path: Path) -> None:
+    file, target = record(tmp_path / "flight.mcap"), tmp_path / "part.mcap"
+    target.write_text("what was there")
+    words = ["recording", "cut", str(file), str(target), "--to", "1"]
+    refused = CliRunner().invoke(main, words)
+    assert refused.exit_code == 1
+    assert refused.stderr == f"Error: {target} exists: choose another name, or add --force\n"
+    assert target.read_text() == "what was there"
+    assert CliRunner().invoke(main, [*words, "--force"]).exit_code == 0
+    assert open_recording(target).summary().duration_s == pytest.approx(1.0)
