@@ -5,6 +5,7 @@ import re
 from dataclasses import dataclass
 
 from jezero.area_files.polygon import AreaFileError, Corner, FilePolygon, excerpt, number_in, ring_from
+from jezero.base.files import NOT_UTF8
 
 HEADINGS = {
     "latitude": ("latitude", "lat"),
@@ -55,7 +56,7 @@ def read_csv(data: bytes, *, metres: bool) -> list[FilePolygon]:
     try:
         lines = data.decode("utf-8-sig").splitlines()
     except UnicodeDecodeError:
-        raise AreaFileError("is not text in UTF-8: save it in this encoding") from None
+        raise AreaFileError(NOT_UTF8) from None
     named = SEPARATOR_LINE.fullmatch(lines[0].strip(" ")) if lines else None
     if named:  # Excel writes it, and doesn't show it
         lines[0] = ""

@@ -8,6 +8,7 @@ from typing import Any
 from jezero.area_files.polygon import AreaFileError, Corner, FilePolygon, excerpt, number_from, ring_from
 from jezero.area_files.reference_system import Convert, degrees_from
 from jezero.area_files.rings import joined_at_180
+from jezero.base.files import NOT_UTF8
 
 NAMES = ("name", "Name", "NAME", "title", "id")
 """Properties of a feature that name it, the best first."""
@@ -22,7 +23,7 @@ def parse_json(data: bytes) -> Any:
     try:
         return json.loads(data.decode("utf-8-sig"))
     except UnicodeDecodeError:
-        raise AreaFileError("is not text in UTF-8: save it in this encoding") from None
+        raise AreaFileError(NOT_UTF8) from None
     except json.JSONDecodeError as error:
         raise AreaFileError(f"line {error.lineno}, column {error.colno} is not JSON ({error.msg})") from None
     except RecursionError:

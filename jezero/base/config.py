@@ -11,7 +11,7 @@ from typing import Any, Literal, TypeVar
 
 import msgspec
 
-from jezero.base.files import describe_os_error
+from jezero.base.files import NOT_UTF8, describe_os_error
 from jezero.base.mistakes import mistake, unknown
 
 S = TypeVar("S", bound=msgspec.Struct)
@@ -66,7 +66,9 @@ def load_config(kind: type[S], name: str, directory: Path | None = None) -> S:
     except msgspec.ValidationError as error:
         source = f"{path}" if changes is None else f"{path} with the table [{name}] of {world}"
         raise ConfigError(f"{source}: {mistake(error, kind, 'setting')}") from error
-    except (msgspec.DecodeError, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError:
+        raise ConfigError(f"{path} {NOT_UTF8}") from None
+    except (msgspec.DecodeError, tomllib.TOMLDecodeError) as error:
         raise ConfigError(f"{path}: {error}") from error
 
 
@@ -125,7 +127,9 @@ def _read_world(path: Path) -> dict[str, Any]:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError(describe_os_error(error)) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError:
+        raise ConfigError(f"{path} {NOT_UTF8}") from None
+    except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{path}: {error}") from error
     names = sorted(file.stem for file in config_directory().glob("*.toml"))
     for name, table in tables.items():

@@ -6,6 +6,8 @@ from contextlib import contextmanager
 from errno import EDQUOT, EFBIG, EMFILE, ENOSPC, EROFS
 from pathlib import Path
 
+NOT_UTF8 = "is no text in UTF-8: save it as UTF-8"
+"""What is wrong with a file that a person has written, after its path."""
 HINTS = {
     EDQUOT: "make room on the disk, or choose another folder",
     EFBIG: "`ulimit -f` limits the size of files",

@@ -9,6 +9,7 @@ import msgspec
 import yaml
 from msgspec import Meta
 
+from jezero.base.files import NOT_UTF8
 from jezero.base.mistakes import mistake
 from jezero.base.vehicle_config import CameraMountConfig, VehicleConfig
 from jezero.schemas.sensors import COEFFICIENTS, Distortion, DistortionModel
@@ -88,7 +89,9 @@ def read_intrinsics(path: Path, camera: str = "cam0") -> CameraIntrinsics:
         document = yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise IntrinsicsError(f"{path} can't be read: {error.strerror}") from None
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
+    except UnicodeDecodeError:
+        raise IntrinsicsError(f"{path} {NOT_UTF8}") from None
+    except (yaml.YAMLError, RecursionError) as error:
         raise IntrinsicsError(f"{path} is not YAML: {error}") from None
     if not isinstance(document, dict):
         raise IntrinsicsError(f"{path} is neither a camera_info file of ROS nor a camchain of Kalibr")

@@ -9,7 +9,7 @@ import msgspec
 
 from jezero.base.config import config_directory, load_config
 from jezero.base.extras import require
-from jezero.base.files import describe_os_error
+from jezero.base.files import NOT_UTF8, describe_os_error
 from jezero.base.mistakes import mistake
 from jezero.cli.terminal import REFUSED, print_table
 
@@ -101,7 +101,9 @@ def _read(file: Path | None) -> list["Parameter"]:
         raise click.ClickException(describe_os_error(error)) from None
     except msgspec.ValidationError as error:
         raise click.ClickException(f"{file}: {mistake(error, ParameterFile, 'field')}") from None
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError:
+        raise click.ClickException(f"{file} {NOT_UTF8}") from None
+    except msgspec.DecodeError as error:
         raise click.ClickException(f"{file}: {error}") from None
 
 

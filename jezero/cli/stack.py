@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 import click
 
 from jezero.base.extras import extra_hint
-from jezero.base.files import keep_private
+from jezero.base.files import NOT_UTF8, keep_private
 from jezero.base.router_address import shown_router
 from jezero.cli import completion
 from jezero.cli.options import INSECURE, KEYS, Router, insecure_option, keys_option, world_option
@@ -161,6 +161,8 @@ def _read_services(path: Path, profiles: tuple[str, ...], *, linked: bool) -> "d
         services = select(with_actions(parse(path.read_text(encoding="utf-8"), variables), plugin_names()), profiles)
     except (ComposeError, OSError) as error:
         raise click.ClickException(f"{path}: {error.strerror if isinstance(error, OSError) else error}") from error
+    except UnicodeDecodeError:
+        raise click.ClickException(f"{path} {NOT_UTF8}") from None
     for refusal in refused_plugins().values():
         click.echo(f"no server for {refusal}", err=True)
     if refusal := _settings_refusal(has_autopilot="autopilot" in services):

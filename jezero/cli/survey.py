@@ -535,7 +535,7 @@ def _resumed(folder: Path, kind: str) -> "tuple[AreaCoverageGoal | None, Dataset
         if not listing.exists():
             return whole, Dataset(folder, cast("Kind", kind), goal=whole)
         dataset = Dataset.reopen(folder, cast("Kind", kind), goal=whole)
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise click.ClickException(f"{folder} can't be resumed: {error}") from None
     if dataset.first_missing == dataset.planned:
         file.unlink()

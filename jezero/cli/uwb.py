@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from jezero.base.files import NOT_UTF8
 from jezero.cli.options import FINITE, NUMBERS, FiniteRange, common_options
 from jezero.cli.terminal import Printer, connected, print_table
 
@@ -159,20 +160,23 @@ def _ask_for(i: int, place: "Vec3", count: int) -> None:
 def _ranges_between(path: Path, anchors: int) -> dict[tuple[int, int], float]:
     """Ranges between two anchors, from a file."""
     found: dict[tuple[int, int], float] = {}
-    with path.open(newline="", encoding="utf-8") as file:
-        for number, row in enumerate(csv.reader(file), 1):
-            if not row or row[0].lstrip().startswith("#"):
-                continue
-            try:
-                a, b, range_m = int(row[0]), int(row[1]), float(row[2])
-                if a == b or not (0 <= a < anchors and 0 <= b < anchors and 0.0 < range_m < 1e4):
-                    raise ValueError
-            except (ValueError, IndexError):
-                raise click.UsageError(
-                    f"{path}, line {number}: expected two different anchors from 0 to {anchors - 1} and their range in "
-                    f"metres, such as 0,1,0.91; it is {','.join(row)!r}"
-                ) from None
-            found[min(a, b), max(a, b)] = range_m
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except UnicodeDecodeError:
+        raise click.UsageError(f"{path} {NOT_UTF8}") from None
+    for number, row in enumerate(csv.reader(lines), 1):
+        if not row or row[0].lstrip().startswith("#"):
+            continue
+        try:
+            a, b, range_m = int(row[0]), int(row[1]), float(row[2])
+            if a == b or not (0 <= a < anchors and 0 <= b < anchors and 0.0 < range_m < 1e4):
+                raise ValueError
+        except (ValueError, IndexError):
+            raise click.UsageError(
+                f"{path}, line {number}: expected two different anchors from 0 to {anchors - 1} and their range in "
+                f"metres, such as 0,1,0.91; it is {','.join(row)!r}"
+            ) from None
+        found[min(a, b), max(a, b)] = range_m
     return found
 
 

@@ -14,6 +14,7 @@ from itertools import count
 from pathlib import Path
 from typing import NamedTuple
 
+from jezero.base.files import NOT_UTF8
 from jezero.client.errors import JezeroError, TimedOut, Unreachable
 from jezero.client.session import Connection, ReplyArrivals, decode
 from jezero.schemas.commands import RoverCommand
@@ -293,8 +294,11 @@ def read_legs(path: Path) -> list[Leg]:
         ValueError: the file is not valid; the text names the line.
         OSError: the file can't be read.
     """
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.reader(file))
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = list(csv.reader(file))
+    except UnicodeDecodeError:
+        raise ValueError(f"{path} {NOT_UTF8}") from None
     header = ",".join(COLUMNS)
     if not rows or tuple(cell.strip() for cell in rows[0]) != COLUMNS:
         raise ValueError(f"{path}: the first line must be {header}")

@@ -93,7 +93,7 @@ def read_members(folder: Path) -> Members:
         raise KeysError(f"{path} is missing: copy the whole folder that `jezero keys add` wrote") from None
     except OSError as error:
         raise KeysError(describe_os_error(error)) from None
-    except (msgspec.DecodeError, RecursionError) as error:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise KeysError(f"{path} is damaged ({error}): copy it anew from the computer that has the team") from None
 
 

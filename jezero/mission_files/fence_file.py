@@ -7,6 +7,7 @@ import msgspec
 
 from jezero.base.config import ConfigError, config_directory
 from jezero.base.fence import JoinError, fence_refusal, joined, zone_refusal
+from jezero.base.files import NOT_UTF8
 from jezero.base.mistakes import mistake, unknown
 from jezero.mission_files.goals import line_of
 from jezero.mission_files.nodes import FileNode, UnreadableError, parse
@@ -33,7 +34,7 @@ def read_fence(file: Path | str) -> Fence:
     except OSError as error:
         raise MissionFileError(path, [Problem(0, f"can't be read: {error.strerror or error}")]) from None
     except UnicodeDecodeError:
-        raise MissionFileError(path, [Problem(1, "is no text in UTF-8: save it as UTF-8")]) from None
+        raise MissionFileError(path, [Problem(1, NOT_UTF8)]) from None
     problems = Problems()
     fence = _of_plan(path, text) if path.suffix.lower() == ".plan" else _of_yaml(path, text, problems)
     if fence is not None and not problems.found and (reason := fence_refusal(fence)):

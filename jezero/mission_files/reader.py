@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from jezero.base.files import NOT_UTF8
 from jezero.base.mistakes import mistake, unknown
 from jezero.base.plugins import all_actions
 from jezero.mission_files.goals import Places, height_m
@@ -108,7 +109,7 @@ class _Reader:
         except OSError as error:
             raise self._error(0, f"can't be read: {error.strerror or error}") from None
         except UnicodeDecodeError:
-            raise self._error(1, "is no text in UTF-8: save it as UTF-8") from None
+            raise self._error(1, NOT_UTF8) from None
         except UnreadableError as error:
             raise MissionFileError(self._file, [error.problem]) from None
         if root is None:

@@ -6,7 +6,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from jezero.base.config import ConfigError, config_directory, world_file
-from jezero.base.files import describe_os_error
+from jezero.base.files import NOT_UTF8, describe_os_error
 
 
 def about(**extra: str) -> dict[str, str]:
@@ -22,9 +22,11 @@ def about(**extra: str) -> dict[str, str]:
         files[f"settings/worlds/{world.name}"] = world
     for name, path in files.items():
         try:
-            settings[name] = path.read_text()
+            settings[name] = path.read_text(encoding="utf-8")
         except OSError as error:
             raise ConfigError(describe_os_error(error)) from None
+        except UnicodeDecodeError:
+            raise ConfigError(f"{path} {NOT_UTF8}") from None
     return {"version": version("jezero"), "commit": commit(), **extra, **settings}
 
 

@@ -186,7 +186,7 @@ def _read_benchmark(path: Path) -> list[Touchdowns]:
         cases = [msgspec.json.decode(text, type=_Case) for text in lines if text.strip()]
     except OSError as error:
         raise ReportError(f"{path} can't be read: {error.strerror}") from error
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
         neither = "neither the folder of a run nor a file of `jezero bench landing --json`"
         raise ReportError(f"{path} is {neither}: {error}") from error
     if not cases:

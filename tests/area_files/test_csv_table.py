@@ -82,7 +82,7 @@ def test_a_table_has_an_empty_line_before_each_hole(tmp_path: Path) -> None:
         ("north,east\n0,0\n4,4\n", False, "the outline has 2 corners, and an area needs three"),
         ("north,east\n0,0\n4,4\n4,0\n\n1,1\n", False, "hole 1, after an empty line, has 1 corner, and an area needs"),
         ("north,east\n0,0\n\n4,4\n4,0\n0,4\n", False, "the outline, up to the empty line, has 1 corner, and an"),
-        (b"\xe9,\n", False, "is not text in UTF-8"),
+        (b"\xe9,\n", False, "is no text in UTF-8: save it as UTF-8"),
         ('lat,lon\n"47,8\n', False, "line 2:"),
     ],
 )

@@ -48,7 +48,7 @@ def test_coordinates_in_utm_are_converted(tmp_path: Path) -> None:
     ("content", "why"),
     [
         ("{", "line 1, column 2 is not JSON"),
-        (b"\xff\xfe{\x00", "is not text in UTF-8"),
+        (b"\xff\xfe{\x00", "is no text in UTF-8: save it as UTF-8"),
         ("1" * 5000, "a number with too many digits"),
         ("[" * 100_000, "is nested too deeply"),
         ("5", '"5" is not a GeoJSON object'),

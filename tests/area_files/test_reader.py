@@ -52,5 +52,5 @@ def test_an_empty_file_is_called_empty_in_every_format(tmp_path: Path, ending: s
 def test_a_file_of_bytes_is_refused_in_words_about_files(tmp_path: Path, ending: str) -> None:
     file = tmp_path / f"area.{ending}"
     file.write_bytes(bytes(range(255, 0, -1)) * 8)
-    with pytest.raises(AreaFileError, match=r"is not text in UTF-8|is not (KML|a KMZ archive|a shapefile) that can"):
+    with pytest.raises(AreaFileError, match=r"is no text in UTF-8|is not (KML|a KMZ archive|a shapefile) that can"):
         read_area(file, ORIGIN_DEG)

@@ -18,7 +18,7 @@ class Settings(Config, frozen=True, kw_only=True):
         (b"sped_mps = 1.0", "there is no setting 'sped_mps'; did you mean 'speed_mps'?"),
         (b"speed_mps = 'fast'", "speed_mps: expected a number, not a text"),
         (b"speed_mps = ", "a.toml: "),
-        (b"\xff", "a.toml: "),
+        (b"\xff", "a.toml is no text in UTF-8: save it as UTF-8"),
         (None, "a.toml: Is a directory"),
     ],
 )

@@ -1,11 +1,14 @@
 """Errors that are not the program's: one sentence, without a traceback, in every command."""
 
+import re
 from pathlib import Path
 
 import click
 import pytest
 from click.testing import CliRunner
 
+from jezero.base.config import ConfigError, load_config
+from jezero.base.vehicle_config import VehicleConfig
 from jezero.cli.main import main
 
 
@@ -77,3 +80,39 @@ def test_a_name_that_no_vehicle_can_have_is_refused(words: str, name: str) -> No
     assert done.exit_code == 2, done.output
     sentence = f"the vehicle's name is {name!r}: expected 1 to 32 letters, digits, '-' and '_'"
     assert f"Error: Invalid value for '--vehicle': {sentence}" in done.stderr
+
+
+KNOWN_ANCHORS = "--known 0 --known 1 --known 2"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "up -f {file}",
+        "bench landing --n 1 --world {file}",
+        "camera intrinsics {file}",
+        "rover follow {file}",
+        f"uwb survey --between {{file}} {KNOWN_ANCHORS}",
+        "mission check {file}",
+        "fence set {file}",
+    ],
+)
+def test_a_file_that_is_no_text_is_named_with_what_helps(words: str, tmp_path: Path) -> None:
+    file = tmp_path / ("file.toml" if "--world" in words else "file.yaml")
+    file.write_bytes(b"\xff\xfe\x00")
+    done = CliRunner().invoke(main, words.format(file=file).split(), env={"JEZERO_RUN_DIR": str(tmp_path / "run")})
+    assert isinstance(done.exception, SystemExit), done.exception
+    assert str(file) in done.output and "is no text in UTF-8: save it as UTF-8" in done.output
+
+
+def test_settings_that_are_no_text_are_named_with_what_helps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from jezero.recording.about import about
+
+    file = tmp_path / "vehicle.toml"
+    file.write_bytes(b"\xff\xfe\x00")
+    monkeypatch.setenv("JEZERO_CONFIG_DIR", str(tmp_path))
+    sentence = re.escape(f"{file} is no text in UTF-8: save it as UTF-8")
+    with pytest.raises(ConfigError, match=sentence):
+        load_config(VehicleConfig, "vehicle")
+    with pytest.raises(ConfigError, match=sentence):
+        about()
