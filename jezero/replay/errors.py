@@ -66,6 +66,11 @@ def relative_errors(
     return (_errors(both[0], inside[0], common_ns, true_m), _errors(both[1], inside[1], common_ns, true_m))
 
 
+def has_valid_estimates(published: Iterable[tuple[str, bytes]]) -> bool:
+    """Whether an estimator published an estimate that may be used for flying."""
+    return any(each.valid for each in _estimates(published))
+
+
 def _estimates(published: Iterable[tuple[str, bytes]]) -> list[Relative]:
     """The estimates without those that their readers reject, as those of an estimator of one's own may be."""
     estimates = []

@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 
 from jezero.recording.mcap_file import RecordingError
-from jezero.replay.errors import Errors, relative_errors
+from jezero.replay.errors import Errors, has_valid_estimates, relative_errors
 from jezero.runtime.service import Service
 from jezero.services.estimator.innovations import Innovation, Sensor
 from jezero.tuning.consistency import COUNT_MIN, Consistency, fit_setting, judge, setting_in_use
@@ -111,9 +111,11 @@ class TuningResult:
         left_out: the recordings that can't be used, with the reason.
         sensors: the sensors with enough measurements.
         too_few: number of measurements of each sensor that has some, but too few.
-        accuracy: errors against the truth with all suggestions; None without truth.
+        accuracy: errors against the truth with all suggestions; None without truth, or without valid estimates.
+        valid: whether a flight has estimates that are valid with the settings in use, and such with all suggestions.
         recommended: the settings with the least error of all sets of suggestions that were replayed, by name; none
-            where no set has a smaller error than the settings in use. All suggestions without truth.
+            where no set has a smaller error than the settings in use, or no estimate is valid. All suggestions without
+            truth.
         rms_recommended_m: root of the mean square error with them; None without truth, or without recommended settings.
         rounds: number of replays of each flight until the settings stayed.
         converged: whether they stayed.
@@ -126,6 +128,7 @@ class TuningResult:
     sensors: list[SensorTuning]
     too_few: dict[Sensor, int]
     accuracy: Accuracy | None
+    valid: bool
     recommended: dict[str, float]
     rms_recommended_m: float | None
     rounds: int
@@ -184,13 +187,15 @@ def tune(
     if accuracy is not None:
         sensors = [_with_error_alone(each, trials) for each in sensors]
         trials.try_the_better_ones()
-    recommended, rms_recommended_m = (_settings(sensors), None) if accuracy is None else trials.best()
+    valid = any(map(_is_valid, flights, suggested))
+    recommended, rms_recommended_m = trials.best() if accuracy else (_settings(sensors) if valid else {}, None)
     return TuningResult(
         paths=list(in_use),
         left_out=left_out,
         sensors=sensors,
         too_few={sensor: count for sensor, count in counts.items() if 0 < count < COUNT_MIN},
         accuracy=accuracy,
+        valid=valid,
         recommended=recommended,
         rms_recommended_m=rms_recommended_m,
         rounds=search.rounds,
@@ -389,6 +394,10 @@ def _with_error_alone(tuning: SensorTuning, trials: _Trials) -> SensorTuning:
     accuracy = trials.replay({suggestion.setting: suggestion.value})
     rms_m = None if accuracy is None else accuracy.rms_suggested_m
     return msgspec.structs.replace(tuning, suggestion=msgspec.structs.replace(suggestion, rms_alone_m=rms_m))
+
+
+def _is_valid(in_use: ObservedFlight, suggested: ObservedFlight) -> bool:
+    return has_valid_estimates(in_use.replay.published) and has_valid_estimates(suggested.replay.published)
 
 
 def _accuracy(in_use: Sequence[ObservedFlight], suggested: Sequence[ObservedFlight]) -> Accuracy | None:
