@@ -119,3 +119,22 @@ def test_every_path_that_a_page_names_exists(page: str) -> None:
     named = {ROOT / path for path in re.findall(rf"`((?:{folders})/[^`<> ]*)`", text)}
     linked = {file.parent / path for path in re.findall(r"\]\(([^)#:]+)", text)}
     assert not [str(path) for path in named | linked if not path.exists()]
+
+
+QUOTES = re.findall(
+    r"^## [^\n]*\n\n`([^`]+\.py)`(?:(?!^## ).)*?^```python\n(.*?)^```",
+    (ROOT / "docs/how-to/add-a-sensor.md").read_text(),
+    re.DOTALL | re.MULTILINE,
+)
+"""The file that begins a section, and the section's code."""
+
+
+@pytest.mark.parametrize(("file", "code"), QUOTES, ids=[file for file, _ in QUOTES])
+def test_the_code_that_the_page_of_a_sensor_quotes_is_in_the_file_that_it_names(file: str, code: str) -> None:
+    lines = iter([line.strip() for line in (ROOT / file).read_text().splitlines()])
+    missing = [line for line in code.splitlines() if line.strip() not in lines]
+    assert not missing, f"{file} doesn't have these lines, or not in this order: {missing}"
+
+
+def test_every_code_of_the_page_of_a_sensor_is_a_quotation() -> None:
+    assert len(QUOTES) == (ROOT / "docs/how-to/add-a-sensor.md").read_text().count("```python")
