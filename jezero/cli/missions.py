@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 import msgspec
 
+from jezero.base.mistakes import unknown
 from jezero.cli import completion
 from jezero.cli.goals import LONG_FLIGHT_S, confirm, minutes
 from jezero.cli.options import (
@@ -66,8 +67,13 @@ def read_mission_file(file: str, origin_deg: Sequence[float] | None, printer: Pr
     """Read a mission file, or one that comes with jezero."""
     from jezero.mission_files import read_mission, shipped_file, shipped_names
 
-    shipped = file in shipped_names() and not Path(file).exists()
-    return _read(lambda: read_mission(shipped_file(file) if shipped else file, origin_deg), printer)
+    path, names = Path(file), shipped_names()
+    if not path.exists() and file in names:
+        path = shipped_file(file)
+    elif not path.exists() and path.name == file and not path.suffix:
+        text = f"{unknown('mission', file, names)}, or the path of a file"
+        printer.fail("mistakes", text, FAILED, problems=[{"line": 0, "text": text}])
+    return _read(lambda: read_mission(path, origin_deg), printer)
 
 
 def read_fence_file(file: str, printer: Printer) -> "Fence":

@@ -31,6 +31,27 @@ def test_a_mission_that_can_be_flown_is_planned_to_its_landing(tmp_path: Path) -
     assert " 204 m," in home  # from where the step before ends
 
 
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("flgiht", "there is no mission 'flgiht'; did you mean 'flight'? Known are demonstration, flight, "),
+        ("nosuch", "there is no mission 'nosuch'; known are demonstration, flight, "),
+    ],
+)
+@pytest.mark.parametrize("words", [("check",), ("export", "-o", "out.plan")])
+def test_a_mission_that_does_not_come_with_jezero_is_named_with_those_that_do(
+    words: tuple[str, ...], name: str, sentence: str
+) -> None:
+    done = CliRunner().invoke(main, ["mission", *words, name, *NOBODY])
+    assert done.exit_code == 1
+    assert done.stderr.startswith(sentence) and done.stderr.endswith(", or the path of a file\n")
+
+
+def test_a_file_of_a_mission_that_is_missing_is_named() -> None:
+    done = CliRunner().invoke(main, ["mission", "check", "flgiht.yaml", *NOBODY])
+    assert done.stderr == "flgiht.yaml can't be read: No such file or directory\n"
+
+
 UP, AHEAD = "{takeoff: {altitude_m: 3}}", "{go_to: {target_ned_m: [9, 0, -3]}}"
 
 
