@@ -21,6 +21,7 @@ from jezero.cli.options import (
     FINITE,
     FRAMES,
     NUMBERS,
+    CommandGroup,
     FiniteRange,
     PngFile,
     common_options,
@@ -396,7 +397,7 @@ def kill(name: str, yes: bool, vehicle: str, router: str, as_json: bool) -> None
         printer.event("result", "killed: motors off", outcome="succeeded")
 
 
-@click.group()
+@click.group(cls=CommandGroup)
 def action() -> None:
     """List all actions, or send a goal to any of them."""
 
@@ -536,7 +537,7 @@ def wind_text(wind_ned_mps: "Vec3", std_gust_mps: float | None) -> str:
     return f"{hypot(north_mps, east_mps):.1f} m/s from {from_deg} degrees{gusts}"
 
 
-@click.group()
+@click.group(cls=CommandGroup)
 def rover() -> None:
     """Drive the rover.
 
@@ -604,7 +605,7 @@ def follow(file: Path, vehicle: str, router: str, as_json: bool) -> None:
         printer.event("result", "the rover stands", outcome="succeeded")
 
 
-@click.group()
+@click.group(cls=CommandGroup)
 def camera() -> None:
     """Save images of the vehicle's camera, or of the simulated ground from above; calibrate a real camera."""
 

@@ -9,7 +9,7 @@ import msgspec
 
 from jezero.base.mistakes import unknown
 from jezero.cli import completion
-from jezero.cli.options import simulator_origin
+from jezero.cli.options import CommandGroup, simulator_origin
 from jezero.cli.reference.actions import action_rows, field_rows
 from jezero.cli.reference.topics import Actions, Row, endpoint_rows, mermaid, service_rows, topic_rows
 from jezero.cli.reference.words import cell
@@ -23,7 +23,7 @@ JSON = click.option("--json", "as_json", is_flag=True, help="One JSON object per
 MERMAID = click.option("--mermaid", "as_mermaid", is_flag=True, help="The graph of services as a Mermaid flowchart.")
 
 
-@click.group()
+@click.group(cls=CommandGroup)
 def info() -> None:
     """Show services, topics and endpoints; no running stack is needed."""
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from jezero.cli.options import CommandGroup
 from jezero.cli.terminal import print_table
 from jezero.keys.members import HOST_ROLES, MEMBERS, ROLES, KeysError, Member, Role
 
@@ -55,7 +56,7 @@ def _opened(folder: Path | None) -> Iterator["Team"]:
         raise click.ClickException(str(error)) from None
 
 
-@click.group()
+@click.group(cls=CommandGroup)
 def keys() -> None:
     """Make, renew and revoke the certificates of a team's computers and people.
 

@@ -22,6 +22,7 @@ from jezero.cli.goals import LONG_FLIGHT_S, confirm, minutes
 from jezero.cli.options import (
     FINITE,
     ROUTER_WAIT_S,
+    CommandGroup,
     FiniteRange,
     Origin,
     common_options,
@@ -93,7 +94,7 @@ def _read(read: Callable[[], T], printer: Printer) -> T:
         printer.fail("mistakes", str(error), FAILED, problems=problems)
 
 
-@click.group()
+@click.group(cls=CommandGroup)
 def fence() -> None:
     """Set the fence, which the vehicle doesn't leave; a goal whose planned way does is refused before it starts."""
 
@@ -176,7 +177,7 @@ def _fence_in_words(fence: "Fence") -> str:
     return f"{fence.name}: {', '.join(parts)}"
 
 
-@click.group()
+@click.group(cls=CommandGroup)
 def mission() -> None:
     """Fly missions: lists of goals in a file, in YAML or JSON.
 

@@ -13,11 +13,12 @@ import click
 
 from jezero.base.files import naming
 from jezero.base.plugins import name_refusal, plugin_names
+from jezero.cli.options import CommandGroup
 
 SUFFIX = ".tmpl"
 
 
-@click.group()
+@click.group(cls=CommandGroup)
 def new() -> None:
     """Write the start of a package that adds something to jezero."""
 

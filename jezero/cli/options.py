@@ -39,12 +39,25 @@ class Finite(click.ParamType[float]):
 
 FINITE = Finite()
 
+WHOLE = 1000
+"""Letters of the longest sentence in a list of commands."""
+
 
 class FiniteRange(click.FloatRange):
     """A number within limits. Its parent class takes NaN, which no comparison excludes."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         return FINITE.convert(super().convert(value, param, ctx), param, ctx)
+
+
+class CommandGroup(click.Group):
+    """Group whose help has the whole first sentence of each command; click cuts it at the width of a line."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        commands = {name: self.get_command(ctx, name) for name in self.list_commands(ctx)}
+        rows = [(name, each.get_short_help_str(WHOLE)) for name, each in commands.items() if each is not None]
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
 
 
 class PngFile(click.Path):

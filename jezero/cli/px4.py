@@ -11,6 +11,7 @@ from jezero.base.config import config_directory, load_config
 from jezero.base.extras import require
 from jezero.base.files import NOT_UTF8, describe_os_error
 from jezero.base.mistakes import mistake
+from jezero.cli.options import CommandGroup
 from jezero.cli.terminal import REFUSED, print_table
 
 if TYPE_CHECKING:
@@ -23,12 +24,12 @@ REBOOTS = ("MAV_", "SER_")
 """Beginnings of parameters that PX4 reads at its start only."""
 
 
-@click.group()
+@click.group(cls=CommandGroup)
 def px4() -> None:
     """Prepare a real flight controller."""
 
 
-@px4.group()
+@px4.group(cls=CommandGroup)
 def parameters() -> None:
     """Compare and set the parameters of a flight controller, while no stack uses its link."""
 

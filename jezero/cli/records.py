@@ -14,7 +14,7 @@ import click
 from jezero.base.extras import require
 from jezero.base.router_address import is_loopback, shown_router
 from jezero.cli import completion
-from jezero.cli.options import FINITE, RECORDING_PATH, check_times, common_options, vehicle_option
+from jezero.cli.options import FINITE, RECORDING_PATH, CommandGroup, check_times, common_options, vehicle_option
 from jezero.cli.terminal import UNREACHABLE, Printer
 from jezero.schemas.units import NS_PER_S
 
@@ -96,7 +96,7 @@ def _serve(printer: Printer, vehicle: str, router: str, host: str, port: int) ->
                 server.publish(*arrival)
 
 
-class RecordingGroup(click.Group):
+class RecordingGroup(CommandGroup):
     """Group whose commands end with one sentence when a recording can't be read."""
 
     def invoke(self, ctx: click.Context) -> object:

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from jezero.cli.options import FINITE, vehicle_options
+from jezero.cli.options import FINITE, CommandGroup, vehicle_options
 
 HOW = """there is no rclpy. In this shell, source a ROS 2 environment (`source /opt/ros/jazzy/setup.bash`), and install
 jezero's command line in the Python of ROS (`pip install "jezero[cli]"`)"""
@@ -26,7 +26,7 @@ class HostPort(click.ParamType[tuple[str, int]]):
         return host, int(port)
 
 
-@click.group()
+@click.group(cls=CommandGroup)
 def ros2() -> None:
     """Show the vehicle in ROS 2, and command it from there."""
 

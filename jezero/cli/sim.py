@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
-from jezero.cli.options import FINITE, NUMBERS, FiniteRange, common_options
+from jezero.cli.options import FINITE, NUMBERS, CommandGroup, FiniteRange, common_options
 from jezero.cli.terminal import Printer, connected
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ class FaultKindName(click.ParamType[str]):
         return str(value)
 
 
-@click.group()
+@click.group(cls=CommandGroup)
 def sim() -> None:
     """Play with the simulated world, while it runs: pause it, put things elsewhere, change the wind, let sensors fail.
 

@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING, cast
 import click
 
 from jezero.base.extras import require
+from jezero.cli.options import CommandGroup
 
 if TYPE_CHECKING:
     from jezero.report.tag_board import Paper
 
 
-@click.group()
+@click.group(cls=CommandGroup)
 def tag() -> None:
     """Print the tags on the rover's platform."""
 

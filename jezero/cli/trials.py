@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import click
 
-from jezero.cli.options import world_option
+from jezero.cli.options import CommandGroup, world_option
 from jezero.cli.terminal import ABORTED, FAILED
 
 if TYPE_CHECKING:
@@ -202,7 +202,7 @@ def _sea(
     return value
 
 
-@click.group()
+@click.group(cls=CommandGroup)
 def bench() -> None:
     """Fly benchmarks in virtual time; no running stack is needed."""
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from jezero.base.files import NOT_UTF8
-from jezero.cli.options import FINITE, NUMBERS, FiniteRange, common_options
+from jezero.cli.options import FINITE, NUMBERS, CommandGroup, FiniteRange, common_options
 from jezero.cli.terminal import Printer, connected, print_table
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ SECONDS = click.option("--seconds", type=FiniteRange(1.0, 3600.0), default=10.0,
 POINT = (FINITE, FINITE, FINITE)
 
 
-@click.group()
+@click.group(cls=CommandGroup)
 def uwb() -> None:
     """Test the UWB ranges, and find the places of the anchors.
 
