@@ -112,8 +112,8 @@ class RecordingGroup(CommandGroup):
 def recording() -> None:
     """Look into recordings of flights, cut, repair, export and import them.
 
-    FILE is a recording, or the folder of a run, whose recording is flight.mcap. Foxglove, PlotJuggler and
-    `import jezero.recording` read recordings too.
+    FILE is a recording, or the folder of a run: its recording is flight.mcap, else the newest one in its folder
+    recordings, as of `jezero up`. Foxglove, PlotJuggler and `import jezero.recording` read recordings too.
     """
 
 

@@ -12,7 +12,7 @@ import msgspec
 from jezero.base.codec import BadPayloadError
 from jezero.base.plain_text import plain_json
 from jezero.recording.channels import topic_of, usable_actions
-from jezero.recording.folder import newest_recording
+from jezero.recording.folder import RECORDINGS, newest_recording
 from jezero.recording.goals import GoalCollector, RecordedGoal
 from jezero.recording.images import HEADERS, decompress
 from jezero.recording.mcap_file import McapFile, RawMessage, RecordingError
@@ -235,4 +235,7 @@ def _recording_of(path: Path) -> Path:
             f"{path} is a rosbag2: `jezero recording import {path} flight.mcap` makes a recording of it"
         )
     file = path / RECORDING
-    return file if file.exists() else newest_recording(path) or file
+    found = file if file.exists() else newest_recording(path)
+    if found is None:
+        raise RecordingError(f"{path} has no recording: a run's folder has {RECORDING}, or {RECORDINGS}/*.mcap")
+    return found

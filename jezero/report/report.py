@@ -113,10 +113,11 @@ def draw_run(
         ReportError: the folder has neither a recording nor images, or none that is valid.
     """
     files = _draw_datasets(path if path.is_dir() else _figures_folder(path), form)
-    paths = recordings_in(path) if path.is_dir() and not (path / RECORDING).exists() else []
+    file = path / RECORDING
+    paths = recordings_in(path) if path.is_dir() and not file.exists() else []
     found: list[RecordedLanding] = []
     problems: list[str] = []
-    for recording in paths or [path / RECORDING if path.is_dir() else path]:
+    for recording in paths or [file if file.exists() else path]:
         try:
             drawn, landed = _draw_recording(recording, form)
         except ReportError as error:

@@ -84,6 +84,13 @@ def test_what_is_no_recording_is_refused_with_a_sentence(
 
 
 @pytest.mark.parametrize("command", COMMANDS)
+def test_a_folder_without_a_recording_is_named_with_the_files_that_it_would_have(command: str, tmp_path: Path) -> None:
+    result = run(command, tmp_path)
+    assert_refused(result, tmp_path)
+    assert f"{tmp_path} has no recording: a run's folder has flight.mcap, or recordings/*.mcap" in result.stderr
+
+
+@pytest.mark.parametrize("command", COMMANDS)
 def test_a_recording_that_may_not_be_read_is_refused_with_a_sentence(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -84,7 +84,10 @@ def test_the_touchdowns_of_a_benchmark_are_drawn_beside_its_file(tmp_path: Path)
 
 def test_a_folder_or_file_without_a_flight_is_refused(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
-    assert "flight.mcap: No such file" in report(tmp_path / "empty").output
+    assert (
+        "empty has no recording: a run's folder has flight.mcap, or recordings/*.mcap"
+        in report(tmp_path / "empty").output
+    )
     RecordingWriter(tmp_path / "empty" / RECORDING, {}).close()
     assert "it has no status or no odometry" in report(tmp_path / "empty").output
     (tmp_path / "other.json").write_text('{"case": 3}')
