@@ -112,14 +112,16 @@ def campaign(
     mission = partial(fly_mission, model=model, fault_counts=faults or FAULT_COUNTS, recordings=recordings)
     if verbose:
         mission = partial(mission, on_event=click.echo)
-    result = CampaignReport()
+    result, finished = CampaignReport(), False
     try:
         with closing(fly_campaign(chosen, 1 if verbose else jobs, mission)) as reports:
             for report in reports:
                 result.add(report)
                 print_report(report)
-    finally:  # also after Ctrl-C
-        click.echo(json.dumps(msgspec.to_builtins(result)) if as_json else _summary(result))
+        finished = True
+    finally:
+        if finished or result.seeds:  # also after Ctrl-C
+            click.echo(json.dumps(msgspec.to_builtins(result)) if as_json else _summary(result))
     if result.failed:
         raise SystemExit(ABORTED)
 

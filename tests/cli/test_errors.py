@@ -30,6 +30,7 @@ def test_wrong_settings_are_named_in_one_sentence(
     assert done.exit_code == 1
     assert done.stderr.startswith(f"Error: {settings}/") and len(done.stderr.splitlines()) == 1
     assert ("is missing" if folder else "no_such_setting") in done.stderr
+    assert "missions" not in done.stdout
 
 
 @pytest.mark.parametrize(
