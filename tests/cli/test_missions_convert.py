@@ -191,7 +191,7 @@ def test_each_line_of_json_has_a_note_or_the_file(tmp_path: Path) -> None:
         ("import {text} -o {folder}/a.yaml", "text.plan", 1),
         ("import {file} -o {folder}/none/a.yaml", "can't be written: No such file or directory", 1),
         ("export flight -o a.pdf", "its name must end in .plan, .kml or .kmz", 2),
-        ("export nothing -o {folder}/a.plan", "nothing can't be read", 1),
+        ("export nothing -o {folder}/a.plan", "there is no mission 'nothing'; known are demonstration", 1),
         ("export flight -o {folder}/a.kml", "has no area: no step covers one in the world frame", 1),
     ],
 )
