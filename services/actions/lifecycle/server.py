@@ -344,7 +344,8 @@ class ActionServer:
     def _not_running_refusal(self, goal_id: str) -> str:
         """Reason why nothing can be done with a goal that doesn't run."""
         if goal_id in self._results:
-            return f"the goal has already {self._results[goal_id].outcome}"
+            outcome = self._results[goal_id].outcome
+            return f"the goal {'has' if outcome == 'succeeded' else 'was'} already {outcome}"
         return f"no goal {goal_id} is known to {self._action.name}"
 
     def _flown_goal(self) -> RunningGoal:

@@ -1,7 +1,7 @@
 """The server of an action and the life of its goals, against a bridge with a point mass, on the bus in virtual time."""
 
 from itertools import pairwise
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 import pytest
@@ -236,6 +236,23 @@ def test_the_last_hundred_results_are_kept() -> None:
     assert len(server._results) == 100
     assert server._result_reply("g4") is None
     assert server._result_reply("g5") is not None
+
+
+@pytest.mark.parametrize(
+    ("outcome", "sentence"),
+    [
+        ("succeeded", "the goal has already succeeded"),
+        ("canceled", "the goal was already canceled"),
+        ("aborted", "the goal was already aborted"),
+    ],
+)
+def test_a_request_about_a_goal_that_has_ended_is_refused_with_its_outcome(
+    outcome: Literal["succeeded", "canceled", "aborted"], sentence: str
+) -> None:
+    server = action_server("go_to", 5, CONFIG)
+    done = MoveResult(completed=False, pos_uav_ned_m=(0.0, 0.0, 0.0))
+    server._keep(Result(goal_id="g", t_ns=0, outcome=outcome, result=done))
+    assert server._not_running_refusal("g") == sentence
 
 
 def test_a_result_has_the_place_in_degrees_once_the_origin_is_known() -> None:

@@ -36,7 +36,7 @@ def test_a_canceled_goal_is_released_and_says_so() -> None:
     late = world.bus.send_request(topics.GO_TO.cancel, Cancel(goal_id="far"))
     other = world.bus.send_request(topics.GO_TO.cancel, Cancel(goal_id="nobody"))
     world.bus.run_for(0.2)
-    assert (late.replies[0].canceled, late.replies[0].reason) == (False, "the goal has already canceled")
+    assert (late.replies[0].canceled, late.replies[0].reason) == (False, "the goal was already canceled")
     assert (other.replies[0].canceled, other.replies[0].reason) == (False, "no goal nobody is known to go_to")
 
 

@@ -100,8 +100,8 @@ def test_the_remaining_time_stands_still_in_a_pause() -> None:
         ("fly", Pause(goal_id="x"), PauseReply(paused=False, reason="no goal x is known to go_to")),
         ("fly", Resume(goal_id="far"), ResumeReply(resumed=False, reason="the goal is not paused")),
         ("pause", Pause(goal_id="far"), PauseReply(paused=True)),
-        ("end", Pause(goal_id="far"), PauseReply(paused=False, reason="the goal has already canceled")),
-        ("end", Resume(goal_id="far"), ResumeReply(resumed=False, reason="the goal has already canceled")),
+        ("end", Pause(goal_id="far"), PauseReply(paused=False, reason="the goal was already canceled")),
+        ("end", Resume(goal_id="far"), ResumeReply(resumed=False, reason="the goal was already canceled")),
     ],
 )
 def test_what_can_not_be_paused_or_resumed_is_refused_with_the_reason(prepare: str, payload: Any, reply: Any) -> None:
