@@ -29,7 +29,7 @@ FAULTS: Mapping[FaultUnit, tuple[FaultKind, ...]] = {
 }
 """The faults that the simulator has. HIL_SENSOR has no way to leave gyroscope or accelerometer out alone."""
 SPEED_MIN, SPEED_MAX = 0.1, 20.0
-STEP_MAX_S = 60.0
+STEP_MIN_S, STEP_MAX_S = 0.004, 60.0
 HEIGHT_MAX_M = 100.0
 """Greatest height above the ground at which a vehicle may be placed."""
 PLACE_MAX_M = 500.0
@@ -110,7 +110,7 @@ class StepWorld(Payload, frozen=True, kw_only=True, tag_field="change", tag="ste
         duration_s: vehicle time until the next pause.
     """
 
-    duration_s: Annotated[float, Meta(ge=0.004, le=STEP_MAX_S)] = 1.0
+    duration_s: Annotated[float, Meta(ge=STEP_MIN_S, le=STEP_MAX_S)] = 1.0
 
 
 class SetSpeed(Payload, frozen=True, kw_only=True, tag_field="change", tag="speed"):

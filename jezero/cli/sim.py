@@ -9,6 +9,7 @@ import msgspec
 
 from jezero.cli.options import FINITE, NUMBERS, CommandGroup, FiniteRange, common_options
 from jezero.cli.terminal import Printer, connected
+from jezero.schemas.simulator import SPEED_MAX, SPEED_MIN, STEP_MAX_S, STEP_MIN_S
 
 if TYPE_CHECKING:
     from jezero.client.simulator import SimulatedWorld
@@ -165,16 +166,16 @@ def resume(vehicle: str, router: str, as_json: bool) -> None:
     _change(vehicle, router, as_json, "resume", lambda simulator: simulator.resume(), _time)
 
 
-@sim.command()
-@click.argument("seconds", type=FINITE, default=1.0)
+@sim.command(context_settings=NUMBERS)
+@click.argument("seconds", type=FiniteRange(STEP_MIN_S, STEP_MAX_S), default=1.0)
 @common_options
 def step(seconds: float, vehicle: str, router: str, as_json: bool) -> None:
     """Let a paused vehicle time go on for SECONDS (1 by default), and wait until they are over."""
     _change(vehicle, router, as_json, "step", lambda simulator: simulator.step(seconds), _time)
 
 
-@sim.command()
-@click.argument("factor", type=FINITE)
+@sim.command(context_settings=NUMBERS)
+@click.argument("factor", type=FiniteRange(SPEED_MIN, SPEED_MAX))
 @common_options
 def speed(factor: float, vehicle: str, router: str, as_json: bool) -> None:
     """Let vehicle time go FACTOR times as fast as real time: 0.5 is half as fast.

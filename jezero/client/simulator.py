@@ -99,7 +99,7 @@ class SimulatedWorld:
 
     def step(self, duration_s: float = 1.0) -> SimulatorState:
         """Let a paused vehicle time go on for a duration; returns when it is over."""
-        return self._request(StepWorld(duration_s=duration_s), REPLY_TIMEOUT_S + 2.0 * duration_s / SPEED_MIN)
+        return self._request(StepWorld(duration_s=duration_s), REPLY_TIMEOUT_S + 2.0 * max(0.0, duration_s) / SPEED_MIN)
 
     def speed(self, factor: float) -> SimulatorState:
         """Change the speed of vehicle time: 1 is real time. The field `speed_reached` is what this computer does."""

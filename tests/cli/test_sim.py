@@ -20,6 +20,9 @@ NOBODY = ["--router", "tcp/127.0.0.1:9"]
         ("sim fault battery off", "no faults of 'battery'; it has those of: gyro, accel, mag, baro, gps,"),
         ("sim fault gps broken", "'broken' is no kind of fault; these are: off, stuck,"),
         ("sim fault gps", "jezero sim fault gps off"),
+        ("sim speed -1", "-1.0 is not in the range 0.1<=x<=20"),
+        ("sim speed 0", "0.0 is not in the range 0.1<=x<=20"),
+        ("sim step -1", "-1.0 is not in the range 0.004<=x<=60"),
         ("sim scen", "Did you mean 'scene'?"),
     ],
 )

@@ -60,6 +60,12 @@ def test_a_refused_change_raises_with_the_reason(vehicle: Vehicle, server: Serve
         vehicle.simulator.place(1.0, 2.0)
 
 
+def test_a_step_of_a_negative_duration_waits_for_its_refusal(vehicle: Vehicle, server: Server) -> None:
+    server.serve("@simulator/control", SimulatorReply(accepted=False, reason="do.duration_s: expected", state=STATE))
+    with pytest.raises(Refused, match=r"do\.duration_s: expected"):
+        vehicle.simulator.step(-1.0)
+
+
 def test_a_vehicle_without_a_simulator_is_named_in_one_sentence(vehicle: Vehicle, server: Server) -> None:
     server.serve("status", a_status())
     token = server.session.liveliness().declare_token(liveliness_key("v", "service", "vehicle_bridge"))
