@@ -37,7 +37,7 @@ PATH = Path("flight.mcap")
 def flight(*, valid: bool) -> ObservedFlight:
     """A flight whose altimeter is better than its setting says."""
     random = np.random.default_rng(1)
-    readings: list[Innovation] = [an_innovation(i, random.normal(0.0, 0.02, 1)) for i in range(400)]
+    readings: list[Innovation] = [an_innovation(i, [random.normal(0.0, 0.02)]) for i in range(400)]
     published = [(RELATIVE.name, encode(replace(ESTIMATE, valid=valid)))]
     return ObservedFlight(
         Replay("estimator", [], published=published), {**{each: [] for each in SENSORS}, "altimeter": readings}
