@@ -207,16 +207,13 @@ def _remarks(result: "TuningResult") -> list[str]:
 
 def _accuracy_text(result: "TuningResult") -> str:
     accuracy = result.accuracy
-    if not result.valid:
+    if not result.judged:
         return (
             "no errors: no estimate of the relative position is valid both with the settings in use and with the "
             "suggestions: give a recording in which the vehicle flies near the rover"
         )
     if accuracy is None:
-        return (
-            "no errors: the recordings have no truth at the times of valid estimates, as those of real vehicles, so "
-            "only the consistency is judged"
-        )
+        return "no errors: the recordings have no truth, as those of real vehicles, so only the consistency is judged"
     before_cm, after_cm = 100.0 * accuracy.rms_in_use_m, 100.0 * accuracy.rms_suggested_m
     text = (
         f"error of the relative position against the truth, root mean square of {accuracy.compared} estimates: "

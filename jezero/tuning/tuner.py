@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 
 from jezero.recording.mcap_file import RecordingError
-from jezero.replay.errors import Errors, has_valid_estimates, relative_errors
+from jezero.replay.errors import Errors, has_valid_estimates, relative_errors, true_relative
 from jezero.runtime.service import Service
 from jezero.services.estimator.innovations import Innovation, Sensor
 from jezero.tuning.consistency import COUNT_MIN, Consistency, fit_setting, judge, setting_in_use
@@ -112,9 +112,10 @@ class TuningResult:
         sensors: the sensors with enough measurements.
         too_few: number of measurements of each sensor that has some, but too few.
         accuracy: errors against the truth with all suggestions; None without truth, or without valid estimates.
-        valid: whether a flight has estimates that are valid with the settings in use, and such with all suggestions.
+        judged: whether a flight shows what the suggestions are worth: by its truth, or without truth by estimates that
+            are valid, with the settings in use and with all suggestions.
         recommended: the settings with the least error of all sets of suggestions that were replayed, by name; none
-            where no set has a smaller error than the settings in use, or no estimate is valid. All suggestions without
+            where no set has a smaller error than the settings in use, or nothing is judged. All suggestions without
             truth.
         rms_recommended_m: root of the mean square error with them; None without truth, or without recommended settings.
         rounds: number of replays of each flight until the settings stayed.
@@ -128,7 +129,7 @@ class TuningResult:
     sensors: list[SensorTuning]
     too_few: dict[Sensor, int]
     accuracy: Accuracy | None
-    valid: bool
+    judged: bool
     recommended: dict[str, float]
     rms_recommended_m: float | None
     rounds: int
@@ -187,15 +188,15 @@ def tune(
     if accuracy is not None:
         sensors = [_with_error_alone(each, trials) for each in sensors]
         trials.try_the_better_ones()
-    valid = any(map(_is_valid, flights, suggested))
-    recommended, rms_recommended_m = trials.best() if accuracy else (_settings(sensors) if valid else {}, None)
+    judged = accuracy is not None or any(map(_is_valid_without_truth, flights, suggested))
+    recommended, rms_recommended_m = trials.best() if accuracy else (_settings(sensors) if judged else {}, None)
     return TuningResult(
         paths=list(in_use),
         left_out=left_out,
         sensors=sensors,
         too_few={sensor: count for sensor, count in counts.items() if 0 < count < COUNT_MIN},
         accuracy=accuracy,
-        valid=valid,
+        judged=judged,
         recommended=recommended,
         rms_recommended_m=rms_recommended_m,
         rounds=search.rounds,
@@ -396,8 +397,9 @@ def _with_error_alone(tuning: SensorTuning, trials: _Trials) -> SensorTuning:
     return msgspec.structs.replace(tuning, suggestion=msgspec.structs.replace(suggestion, rms_alone_m=rms_m))
 
 
-def _is_valid(in_use: ObservedFlight, suggested: ObservedFlight) -> bool:
-    return has_valid_estimates(in_use.replay.published) and has_valid_estimates(suggested.replay.published)
+def _is_valid_without_truth(in_use: ObservedFlight, suggested: ObservedFlight) -> bool:
+    times_ns, _ = true_relative(in_use.replay.files)
+    return not len(times_ns) and all(has_valid_estimates(each.replay.published) for each in (in_use, suggested))
 
 
 def _accuracy(in_use: Sequence[ObservedFlight], suggested: Sequence[ObservedFlight]) -> Accuracy | None:

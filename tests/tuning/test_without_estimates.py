@@ -61,6 +61,13 @@ def test_nothing_is_recommended_without_a_valid_estimate(
     assert _accuracy_text(result).endswith("give a recording in which the vehicle flies near the rover")
 
 
+def test_nothing_is_recommended_from_a_truth_without_errors(monkeypatch: pytest.MonkeyPatch) -> None:
+    times = (np.array([1.0]), np.zeros((1, 3)))
+    monkeypatch.setattr(tuner, "true_relative", lambda files: times)
+    result = tuned(monkeypatch, valid_in_use=True, valid_suggested=True)
+    assert result.settings and result.recommended == {} and not result.judged
+
+
 def test_what_is_consistent_is_recommended_where_valid_estimates_have_no_truth(monkeypatch: pytest.MonkeyPatch) -> None:
     result = tuned(monkeypatch, valid_in_use=True, valid_suggested=True)
     assert result.settings and result.recommended == result.settings
