@@ -221,7 +221,7 @@ def test_a_hung_service_is_restarted_and_a_crash_loop_is_given_up_with_the_reaso
         assert (row_of(stack, "go_to")["text"], row_of(stack, "go_to")["restarts"]) == (reason, 5)
         assert re.search(rf"go_to +failed .* {reason}\n", stack.jezero("ps").stdout)
         assert f"not ready: go_to failed: {reason}" in stack.jezero("ps").stdout
-        assert "this service has ended or is frozen" in stack.jezero("target", "0", "0", "-2", check=False).stderr
+        assert "is the stack up?" in stack.jezero("target", "0", "0", "-2", check=False).stderr
         log = stack.run_dir / "logs" / "hung.log"
         wait_for(lambda: "was frozen and killed: no report for 10." in log.read_text(), TIMEOUT_S, "the hang detected")
         wait_for(lambda: bool(row_of(stack, "hung")["pid"]), TIMEOUT_S, "restarted")
