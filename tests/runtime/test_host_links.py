@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -87,7 +87,10 @@ def open_host(folder: Path, links: HostLinks, ends: ExitStack) -> zenoh.Session:
     """
     bus = socket_of(folder)
     ends.enter_context(open_router(f"tcp/127.0.0.1:{free_port()}", bus))
-    return ends.enter_context(open_gate(bus, VEHICLE, links))
+    gate = open_gate(bus, VEHICLE, links)
+    # A session that is left by its own `with` refuses every other thread meanwhile ("Already mutably borrowed").
+    ends.enter_context(closing(gate))
+    return gate
 
 
 def linked(gate: zenoh.Session) -> bool:
