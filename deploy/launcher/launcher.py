@@ -130,7 +130,7 @@ class Launcher:
             while self._stopping is None or self._level:
                 self._wait()
                 self._advance()
-                self._print_ready(start_s)
+                self._print_readiness(start_s)
         self._output.close()
         self._systemd.close()
         self._folder.release()
@@ -379,7 +379,7 @@ class Launcher:
             return "" if ready else reason or "the vehicle is not ready"
         return ""
 
-    def _print_ready(self, start_s: float) -> None:
+    def _print_readiness(self, start_s: float) -> None:
         """Print once that the vehicle is ready, and before that each reason why it can't become ready."""
         state = self._written
         if state is None or self._ready_printed or self._stopping is not None:

@@ -69,10 +69,12 @@ class PngFile(click.Path):
         super().__init__(dir_okay=False, writable=True)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        file = Path(os.fsdecode(super().convert(value, param, ctx)))
-        if file.suffix.lower() != ".png":
-            self.fail(f"{value} is no name of a PNG file: end it with .png", param, ctx)
-        return file
+        from jezero.client.png import png_file
+
+        try:
+            return png_file(os.fsdecode(super().convert(value, param, ctx)))
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
 
 
 class VehicleName(click.ParamType[str]):

@@ -6,7 +6,7 @@ from typing import TypeVar
 
 from jezero.base.camera_preview import FRAME_TIMEOUT_S
 from jezero.client.errors import JezeroError, TimedOut, Unreachable
-from jezero.client.png import png_of
+from jezero.client.png import png_file, png_of
 from jezero.client.session import Connection
 from jezero.client.subscription import Subscription
 from jezero.schemas.rows import Topic
@@ -59,16 +59,15 @@ class Camera:
             OSError: the file can't be written.
             ValueError: its name has another ending.
         """
-        if Path(file).suffix.lower() != ".png":
-            raise ValueError(f"{file} is no name of a PNG file: end it with .png")
+        path = png_file(file)
         frame = self._next(CAMERA, min(timeout_s, FRAME_TIMEOUT_S))
         if frame is not None:
-            Path(file).write_bytes(png_of(frame.width_px, frame.height_px, frame.pixels))
+            path.write_bytes(png_of(frame.width_px, frame.height_px, frame.pixels))
             return frame
         preview = self._next(CAMERA_PREVIEW, timeout_s)
         if preview is None:
             raise Unreachable(self._silence("image and no preview", timeout_s))
-        Path(file).write_bytes(_png_of_jpeg(preview.jpeg))
+        path.write_bytes(_png_of_jpeg(preview.jpeg))
         return preview
 
     def _next(self, topic: Topic[M], timeout_s: float) -> M | None:

@@ -2,6 +2,19 @@
 
 import struct
 import zlib
+from pathlib import Path
+
+
+def png_file(file: Path | str) -> Path:
+    """The path of a file that is to be written as a PNG.
+
+    Raises:
+        ValueError: its name doesn't end with .png.
+    """
+    path = Path(file)
+    if path.suffix.lower() != ".png":
+        raise ValueError(f"{file} is no name of a PNG file: end it with .png")
+    return path
 
 
 def png_of(width_px: int, height_px: int, pixels: bytes) -> bytes:

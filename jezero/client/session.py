@@ -313,12 +313,13 @@ class Connection:
             self._check_right(name)
         if reason := self.hidden_reason():
             raise Unreachable(reason)
-        text = f"no server replies on {name} of {self.vehicle}: "
+        text = f"no server replies on {name} of {self.vehicle}"
         if self.sees_bridge():
-            text += "the stack is up, but this service has ended or is frozen: see `jezero ps` and `jezero logs`"
-            raise Unreachable(text)
-        text += "is the stack up? (`jezero up`, `jezero ps`)"
-        text += f". If {self.vehicle} flies on another computer, the link to that computer may be cut"
+            raise Unreachable(
+                f"{text}: the stack is up, but this service has ended or is frozen: see `jezero ps` and `jezero logs`"
+            )
+        text += ": is the stack up? (`jezero up`, `jezero ps`). "
+        text += f"If {self.vehicle} flies on another computer, the link to that computer may be cut"
         if name.startswith("@"):  # it has an effect
             text += ". The request may have arrived: see `jezero status` when the link is back"
         raise Unreachable(text)

@@ -83,12 +83,12 @@ def test_a_service_that_failed_is_named_once_and_a_ready_vehicle_afterwards(
     bus.bridge_health("ok", "linked")
     for _ in range(2):
         launcher._advance()
-        launcher._print_ready(0.0)
+        launcher._print_readiness(0.0)
     assert capsys.readouterr().out == f"not ready: toy failed: {toy.text}; end the stack with Ctrl+C, and mend that\n"
     toy.state = "running"
     for _ in range(2):
         launcher._advance()
-        launcher._print_ready(0.0)
+        launcher._print_readiness(0.0)
     assert capsys.readouterr().out.count("ready after") == 1
 
 

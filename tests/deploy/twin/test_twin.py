@@ -24,7 +24,7 @@ def test_the_command_that_flies_the_twin_names_its_settings() -> None:
 def test_the_stack_that_flies_the_twin_gets_its_world_and_its_key(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In another terminal, perhaps in another folder."""
+    """The command is typed in another terminal, perhaps in another folder, so it has whole paths."""
     (tmp_path / "dunes.toml").touch()
     (tmp_path / "mavlink.key").touch()
     monkeypatch.setenv("JEZERO_WORLD", "mars")
