@@ -3,7 +3,8 @@
 `python -m benchmarks.quality.mutants [--sample N] [--seed N] [--jobs N]` prints each change that no test notices, and
 exits with 1 when the tests notice less than 85 %. With `--scenarios`, flights in virtual time then try the changes that
 the unit tests have not noticed; both together must notice 95 %. The tests run in copies of the tree, never in the tree
-itself.
+itself. Changes that harmless.toml lists are not tried and don't count: each of them once survived, and somebody has
+written there why no test should notice it.
 
 mutmut and cosmic-ray were left out: mutmut knows a module by the path of its file, which `jezero/services`, a link to
 `services`, breaks; cosmic-ray has one command of tests for all changes, so that ten packages would be ten sessions.
@@ -18,6 +19,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import tomllib
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from difflib import unified_diff
@@ -28,6 +30,7 @@ from queue import SimpleQueue
 from typing import NamedTuple
 
 ROOT = Path(__file__).parents[2]
+HARMLESS = Path(__file__).with_name("harmless.toml")
 KILLED_MIN = 0.85
 KILLED_WITH_SCENARIOS_MIN = 0.95
 TIMEOUT_S = 60  # a longer test counts as failed: the change may have made an endless loop
@@ -152,6 +155,19 @@ def all_mutants(root: Path) -> list[Mutant]:
     return found
 
 
+def named(root: Path, mutant: Mutant) -> tuple[str, str]:
+    """The path of a mutant, and "line => changed line" without indentation, as in harmless.toml."""
+    source = (root / mutant.path).read_bytes()
+    number = source[: mutant.begin].count(b"\n")
+    before, after = (text.split(b"\n")[number].decode().strip() for text in (source, mutant.apply(source)))
+    return mutant.path, f"{before} => {after}"
+
+
+def load_harmless(path: Path) -> set[tuple[str, str]]:
+    """The harmless changes that a file lists, as `named`."""
+    return {(name, change) for name, reasons in tomllib.loads(path.read_text()).items() for change in reasons}
+
+
 def copy_tree(root: Path, to: Path) -> Path:
     """Copy what git lists or would add; links stay links."""
     listed = subprocess.check_output(["git", "ls-files", "-coz", "--exclude-standard"], cwd=root, text=True)
@@ -225,10 +241,10 @@ def find_survivors(
         return [mutant for mutant, survived in zip(sample, pool.map(in_a_tree, tries), strict=True) if survived]
 
 
-def report(survivors: Sequence[Mutant], sample: Sequence[Mutant], total: int, wanted: float, by: str) -> bool:
+def report(survivors: Sequence[Mutant], sample: Sequence[Mutant], wanted: float, by: str) -> bool:
     """Print the share that was noticed; returns whether it is as large as wanted."""
     noticed = len(sample) - len(survivors)
-    print(f"{noticed} of {len(sample)} changes noticed by {by}, {noticed / len(sample):.1%}, drawn from {total}")
+    print(f"{noticed} of {len(sample)} changes noticed by {by}, {noticed / len(sample):.1%}")
     return noticed >= wanted * len(sample)
 
 
@@ -246,16 +262,21 @@ def main() -> None:
     found = all_mutants(ROOT)
     if not 1 <= arguments.sample <= len(found) or arguments.jobs < 1:
         parser.error(f"--sample must be 1 to {len(found)}, and --jobs at least 1")
-    sample = random.Random(arguments.seed).sample(found, arguments.sample)
+    harmless, names = load_harmless(HARMLESS), {mutant: named(ROOT, mutant) for mutant in found}
+    for path, change in sorted(harmless.difference(names.values())):
+        print(f"{HARMLESS.name}: {path} has no such line any more, delete the entry: {change}")
+    drawn = random.Random(arguments.seed).sample(found, arguments.sample)
+    sample = [mutant for mutant in drawn if names[mutant] not in harmless]
+    print(f"{len(drawn)} changes drawn from {len(found)}, {len(drawn) - len(sample)} of them harmless", flush=True)
     survivors = find_survivors(ROOT, sample, arguments.jobs)
-    enough = report(survivors, sample, len(found), KILLED_MIN, "unit tests")
+    enough = report(survivors, sample, KILLED_MIN, "unit tests")
     if arguments.scenarios:
         flown = [with_scenarios(mutant) for mutant in survivors]
         survivors = [mutant for mutant in flown if not mutant.tests]
         survivors += find_survivors(
             ROOT, [mutant for mutant in flown if mutant.tests], arguments.jobs, "not slow", SCENARIOS_TIMEOUT_S
         )
-        enough &= report(survivors, sample, len(found), KILLED_WITH_SCENARIOS_MIN, "unit tests and scenarios")
+        enough &= report(survivors, sample, KILLED_WITH_SCENARIOS_MIN, "unit tests and scenarios")
     if not enough:
         sys.exit(
             f"less than {KILLED_MIN:.0%} by unit tests, or than {KILLED_WITH_SCENARIOS_MIN:.0%} by scenarios too: "

@@ -1,11 +1,22 @@
 """The changes that the benchmark of the tests makes, and that it finds those which no test notices."""
 
 import subprocess
+import tomllib
 from pathlib import Path
 
 import pytest
 
-from benchmarks.quality.mutants import Mutant, all_mutants, find_survivors, mutants_of, with_scenarios
+from benchmarks.quality.mutants import (
+    HARMLESS,
+    ROOT,
+    Mutant,
+    all_mutants,
+    find_survivors,
+    load_harmless,
+    mutants_of,
+    named,
+    with_scenarios,
+)
 
 pytestmark = pytest.mark.process
 
@@ -46,11 +57,27 @@ def test_each_mutant_changes_one_operator_number_condition_or_result_and_neither
 
 
 def test_every_part_of_the_safety_code_has_mutants_and_tests_that_exist() -> None:
-    root = Path(__file__).parents[2]
-    for mutant in (found := all_mutants(root)):
+    for mutant in (found := all_mutants(ROOT)):
         for path in (*mutant.tests, *with_scenarios(mutant).tests):
-            assert (root / path).exists()
+            assert (ROOT / path).exists()
     assert len({mutant.path.rpartition("/")[0] for mutant in found}) >= 9
+
+
+def test_a_harmless_change_is_known_by_its_line_before_and_after(tmp_path: Path) -> None:
+    (tmp_path / "a.py").write_text(SOURCE)
+    (tmp_path / "harmless.toml").write_text(
+        """["a.py"]\n'return max(-a, b - 1) => return min(-a, b - 1)' = "a is never above b"\n"""
+    )
+    harmless = load_harmless(tmp_path / "harmless.toml")
+    (known,) = [m for m in mutants_of("a.py", "tests", SOURCE.encode()) if named(tmp_path, m) in harmless]
+    assert (known.text, known.begin) == ("min", SOURCE.index("max"))
+
+
+def test_harmless_changes_are_of_the_safety_code_and_have_reasons() -> None:
+    paths = {mutant.path for mutant in all_mutants(ROOT)}
+    for path, reasons in tomllib.loads(HARMLESS.read_text()).items():
+        assert path in paths
+        assert all(len(reason.split()) > 3 and " => " in change for change, reason in reasons.items())
 
 
 def git_tree(folder: Path, **files: str) -> Path:
