@@ -143,7 +143,8 @@ END = r"$(?!\n)"
 
 Name = Annotated[str, Meta(max_length=64, pattern=rf"^[A-Za-z0-9_.-]+{END}")]
 """Identifier that is safe within a key."""
-Text = Annotated[str, Meta(max_length=2000)]
+TEXT_MAX = 2000
+Text = Annotated[str, Meta(max_length=TEXT_MAX)]
 """A sentence for people, in one line."""
 
 

@@ -313,6 +313,7 @@ def _planner(uav: "Vehicle | None", origin_deg: Sequence[float]) -> "Plan":
     """Plans a goal by the stack; by one in this process where there is none, or where it does not see the rover yet."""
     from jezero.client import Refused, TimedOut, Unreachable
     from jezero.schemas.actions import PlanReply
+    from jezero.schemas.struct import TEXT_MAX
 
     virtual: list[Plan] = []
 
@@ -331,7 +332,7 @@ def _planner(uav: "Vehicle | None", origin_deg: Sequence[float]) -> "Plan":
         except Refused as error:
             reply = PlanReply(accepted=False, reason=error.reason, input_missing=error.input_missing)
         except (Unreachable, TimedOut) as error:  # one server is silent
-            reply = PlanReply(accepted=False, reason=str(error)[:2000], input_missing=True)
+            reply = PlanReply(accepted=False, reason=str(error)[:TEXT_MAX], input_missing=True)
         unknown = reply.input_missing or (reply.accepted and reply.duration_s is None)
         if unknown and (found := plan_here(action, goal)).accepted:
             return found

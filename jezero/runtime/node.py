@@ -45,7 +45,7 @@ from jezero.runtime.task import TaskOutcome
 from jezero.schemas import journal as entries
 from jezero.schemas.health import InputHealth, ServiceHealth, ServiceState
 from jezero.schemas.rows import Endpoint, Topic
-from jezero.schemas.struct import Payload, WithReadings
+from jezero.schemas.struct import TEXT_MAX, Payload, WithReadings
 from jezero.schemas.units import NS_PER_S
 
 LINK_BYTES_MAX = 4_000_000
@@ -323,7 +323,7 @@ class Node:
             case CancelTask():
                 self._transport.cancel_task(output.tag)
             case Health():
-                self._state, self._text, self._room_bytes = output.state, output.text[:2000], output.room_bytes
+                self._state, self._text, self._room_bytes = output.state, output.text[:TEXT_MAX], output.room_bytes
 
     def _publish(self, output: Publish) -> None:
         topic, message = output.topic, output.message
@@ -395,7 +395,7 @@ class Node:
         self._reported_state = self._state
         state, text = self._state, self._text
         if self._failed_steps:
-            text = f"{text}; {self._failed_steps} steps failed, its log has the traceback"[-2000:]
+            text = f"{text}; {self._failed_steps} steps failed, its log has the traceback"[-TEXT_MAX:]
             state = "degraded" if self._has_failed and state == "ok" else state
             self._has_failed = False
         return ServiceHealth(

@@ -220,7 +220,7 @@ class RelativeFilter:
         if self._history is None:
             return ()
         since_ns, used_ns = self._kalman.t_ns - NS_PER_S, self._history.used_ns
-        return tuple(kind for kind in INPUT_KINDS if used_ns.get(kind, -1) > since_ns)
+        return tuple(kind for kind in INPUT_KINDS if kind in used_ns and used_ns[kind] > since_ns)
 
     @property
     def fused_ns(self) -> int:

@@ -43,6 +43,8 @@ RANGE_MARGIN = 1.1
 """Ranges greater than this times the sensor's greatest range are none that it has measured."""
 STD_MAX_M = 1e5
 COV_UNKNOWN = tuple((STD_MAX_M**2 * np.eye(6))[UPPER_6].tolist())
+EARLY_NS = 5_000_000
+"""Odometry, after which the estimate is published, may come earlier than it is due by a quarter of its period."""
 INVALID_PERIOD_NS = 100_000_000
 """Without odometry, the estimate is published as invalid with this period."""
 ROVER_PERIOD_NS = NS_PER_S // 10
@@ -376,7 +378,7 @@ class Estimator:
     def _publish(self, t_ns: int, fresh: bool, reason: str) -> Iterator[Output]:
         period_ns = int(NS_PER_S / self._selection.tuning.rate_relative_hz)
         since_ns = t_ns - self._published_ns
-        if self._epoch_id is None or 0 <= since_ns < (0.75 * period_ns if fresh else INVALID_PERIOD_NS):
+        if self._epoch_id is None or 0 <= since_ns < (period_ns - EARLY_NS if fresh else INVALID_PERIOD_NS):
             return
         self._published_ns = t_ns
         estimate = self._filter.estimate

@@ -6,10 +6,9 @@ import msgspec
 from msgspec.structs import replace
 
 from jezero.schemas.mission import FailurePolicy, GoalStep, Mission, MissionProgress, MissionState, Step
+from jezero.schemas.struct import TEXT_MAX
 
 ENDED: frozenset[MissionState] = frozenset({"idle", "succeeded", "failed", "stopped"})
-REASON_MAX = 2000
-"""Longest text that a message holds."""
 
 
 class MissionRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -143,7 +142,7 @@ class MissionRecord(msgspec.Struct, frozen=True, kw_only=True):
         return MissionProgress(
             t_ns=t_ns,
             state=self.state,
-            reason=self.reason[:REASON_MAX],
+            reason=self.reason[:TEXT_MAX],
             mission_id=self.mission_id,
             name=self.mission.name,
             step=self.index + 1,

@@ -22,6 +22,7 @@ from jezero.runtime.service import Health, Inbox, Output, Publish, Reply, Reques
 from jezero.schemas.mission import GoalStep, Mission, MissionCommand, MissionProgress, MissionReply, WaitStep
 from jezero.schemas.rows import Action
 from jezero.schemas.state import Status
+from jezero.schemas.struct import TEXT_MAX
 from jezero.schemas.topics import (
     ABORT,
     CLOCK,
@@ -35,7 +36,7 @@ from jezero.schemas.topics import (
 )
 from jezero.schemas.units import NS_PER_S
 from jezero.services.mission.config import MissionConfig
-from jezero.services.mission.record import REASON_MAX, MissionRecord
+from jezero.services.mission.record import MissionRecord
 from jezero.services.mission.return_run import ReturnRun
 from jezero.services.mission.return_watch import GROUND, ReturnWatch
 from jezero.services.mission.rules import flies_goal_of, landing_step, last_goal, somebody_else, swap_refusal
@@ -48,8 +49,12 @@ REQUESTED = "a hover, an abort or a kill was requested"
 BRIDGE_RESTARTED = "the vehicle bridge was restarted"
 VEHICLE_RESTARTED = "the vehicle was restarted"
 NO_MISSION = "no mission is flown: send one with jezero mission run FILE"
-Wanted = Literal["", "hold", "skip", "stop"]
+Wanted = Literal["", "hold", "skip", "skip and hold", "stop"]
 """Next action of the service, once the goal that it has canceled has ended; "" for none."""
+HELD: dict[Wanted, Wanted] = {
+    "": "hold", "hold": "hold", "skip": "skip and hold", "skip and hold": "skip and hold", "stop": "stop",
+}  # fmt: skip
+"""The next action when somebody intervenes before it: a command that was accepted is still carried out."""
 ENDING = "the goal of the present step is still ending: try again in a second"
 ALTITUDE_MIN_M = 2.0
 """Least altitude of a takeoff before a mission goes on."""
@@ -151,7 +156,7 @@ class MissionService:
         status, record = inbox.latest(STATUS), self._record
         if status is None or record is None or record.state not in ("running", "paused"):
             return
-        present = (status.bridge_boot_id, status.interventions)
+        present = _interventions_of(status)
         if self._interventions is None:
             self._interventions = present
         external = status.in_charge in ("external", "failsafe")
@@ -166,7 +171,7 @@ class MissionService:
         """Stop flying, and wait for a command."""
         self._record = self._with_altitude(held, status)
         if isinstance(self._run, StepGoal):
-            self._wanted = "stop" if self._wanted == "stop" else "hold"
+            self._wanted = HELD[self._wanted]
             yield from self._run.cancel()
         elif self._run is not None:
             self._record, self._run = replace(self._record, rest={"duration_s": self._run.left_s}), None
@@ -260,15 +265,18 @@ class MissionService:
         wanted, self._wanted = self._wanted, ""
         if wanted == "stop":
             return record.in_state("stopped", "stopped by a command")
-        if wanted == "skip":
-            return record.without_step()
-        if self._takes_off and end.end == "succeeded":
+        holds = wanted in ("hold", "skip and hold")
+        if wanted in ("skip", "skip and hold"):
+            following = record.without_step()
+        elif self._takes_off and end.end == "succeeded":
             # A mission that is held may need another takeoff, whose goal must have another id.
-            following = record.next_attempt(None) if wanted == "hold" else replace(record, altitude_m=None)
+            following = record.next_attempt(None) if holds else replace(record, altitude_m=None)
         else:
             following = record.next_step() if end.end == "succeeded" else record.next_attempt(end.rest)
-        if wanted == "hold":
-            return following if following.ended else following.in_state(record.state, record.reason)
+        if wanted == "skip" or (holds and following.ended):
+            return following
+        if holds:
+            return following.in_state(record.state, record.reason)
         if end.end == "succeeded":
             return _still_paused(record, following)
         if end.end == "canceled":
@@ -364,7 +372,7 @@ class MissionService:
             refusal: reason why the goal isn't paused, or "".
         """
         if self._pauses and not refusal and record.state != "running":
-            refusal = f"the mission is {record.state}: {record.reason}"[:REASON_MAX]  # by what came before the reply
+            refusal = f"the mission is {record.state}: {record.reason}"[:TEXT_MAX]  # by what came before the reply
         if self._pauses and not refusal:
             self._record = record.in_state("paused", PAUSED)
         for request_id in self._pauses:
@@ -396,7 +404,8 @@ class MissionService:
         elif command == "pause":
             self._record = record.in_state("paused", PAUSED)
         else:
-            self._interventions = None
+            # A status that comes later may have an intervention by somebody who doesn't know of this command.
+            self._interventions = None if status is None else _interventions_of(status)
             self._wanted = "skip" if command == "skip" else "stop"
             run = self._run = run or self._goal_of_run_before(record, status)
             if run is not None:
@@ -436,6 +445,11 @@ class MissionService:
         mission = "no mission" if record is None else f"{record.mission.name}: {record.state}"
         way_home = self._watch.text if self._return is None else self._return.reason
         return f"{mission}; {way_home}" if way_home else mission
+
+
+def _interventions_of(status: Status) -> tuple[int, int]:
+    """The bridge's boot id, and its number of interventions."""
+    return status.bridge_boot_id, status.interventions
 
 
 def _still_paused(before: MissionRecord, following: MissionRecord) -> MissionRecord:

@@ -8,6 +8,7 @@ from collections.abc import Collection
 from jezero.base.fence import nearest
 from jezero.schemas.preflight import Check, CheckName, Verdict
 from jezero.schemas.state import STATUS_WORDS, StatusCode
+from jezero.schemas.struct import TEXT_MAX
 from jezero.schemas.topics import CLOCK, FENCE, STATUS
 from jezero.services.preflight.readings import Readings
 
@@ -139,4 +140,4 @@ def check_storage(readings: Readings) -> Check:
 
 
 def _check(name: CheckName, verdict: Verdict, text: str) -> Check:
-    return Check(name=name, verdict=verdict, text=text[:2000])
+    return Check(name=name, verdict=verdict, text=text[:TEXT_MAX])

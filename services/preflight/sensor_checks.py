@@ -15,6 +15,7 @@ from jezero.base.frames import Vec3, horizontal, ned_from_geodetic, quat_rotate,
 from jezero.schemas.preflight import Check, CheckName, Verdict
 from jezero.schemas.rows import Topic
 from jezero.schemas.state import Odometry, StatusCode
+from jezero.schemas.struct import TEXT_MAX
 from jezero.schemas.topics import ALTIMETER, BARO, ESTIMATE_TAG, GNSS, IMU, MAG, ROVER_ODOMETRY, UWB
 from jezero.services.preflight.earth_field import earth_field
 from jezero.services.preflight.readings import Readings
@@ -257,4 +258,4 @@ def _mean_angle(angles_rad: Sequence[float]) -> float:
 
 
 def _check(name: CheckName, verdict: Verdict, text: str) -> Check:
-    return Check(name=name, verdict=verdict, text=text[:2000])
+    return Check(name=name, verdict=verdict, text=text[:TEXT_MAX])

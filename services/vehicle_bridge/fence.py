@@ -266,8 +266,8 @@ class FenceUpload:
             return None
         if message.get_msgId() == dialect.MAVLINK_MSG_ID_MISSION_ACK:
             self.done = message.type == dialect.MAV_MISSION_ACCEPTED
-            if not self.done:
-                self.failure = f"the autopilot refuses it with MAV_MISSION_RESULT {message.type}"
+            refusal = f"the autopilot refuses it with MAV_MISSION_RESULT {message.type}"
+            self.failure = "" if self.done else refusal
             return None
         if message.seq >= len(self._items):
             return None

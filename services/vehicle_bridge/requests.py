@@ -3,6 +3,8 @@
 from collections.abc import Callable, Collection, Iterator
 from typing import Any
 
+import msgspec
+
 from jezero.base.mistakes import unknown
 from jezero.runtime.service import Inbox, Output, Reply, Request
 from jezero.schemas.actions import CancelReply, ModifyReply, PauseReply, PlanReply, Rejected, ResumeReply
@@ -20,7 +22,7 @@ from jezero.schemas.commands import (
 )
 from jezero.schemas.rows import Endpoint
 from jezero.schemas.state import StatusCode
-from jezero.schemas.struct import Payload
+from jezero.schemas.struct import TEXT_MAX, Payload
 from jezero.schemas.topics import ABORT, ACQUIRE, HOVER, KILL, RELEASE, RESULT
 from jezero.services.vehicle_bridge.authority import Authority
 from jezero.services.vehicle_bridge.autopilot_link import AutopilotLink
@@ -67,7 +69,7 @@ class RequestQueue:
             if payload is None:
                 self._pending.append((request, arrival_ns))
             else:
-                yield Reply(request.request_id, payload)
+                yield _reply(request, payload)
 
     def _handle(self, handlers: Handlers, vehicle: VehicleSnapshot, inbox: Inbox) -> Iterator[Output]:
         for endpoint, handler in handlers:
@@ -76,7 +78,7 @@ class RequestQueue:
                 if payload is None:
                     self._pending.append((request, inbox.wall_ns))
                 else:
-                    yield Reply(request.request_id, payload)
+                    yield _reply(request, payload)
 
     def _on_kill(self, request: Kill, vehicle: VehicleSnapshot) -> KillReply | None:
         if not request.confirm:
@@ -124,7 +126,7 @@ class RequestQueue:
             control_id=grant.control_id,
             bridge_boot_id=self._boot_id,
             grants=grants,
-            warning=grant.overriding[:2000],
+            warning=grant.overriding[:TEXT_MAX],
         )
 
     def _final_reply(self, payload: Kill | Hover | Release, vehicle: VehicleSnapshot, age_ns: int) -> Payload | None:
@@ -146,6 +148,11 @@ class RequestQueue:
         if lost or superseded or code in (StatusCode.HOVER, StatusCode.IDLE):
             return ReleaseReply(released=not lost, code=int(code), reason=authority.text if lost else "")
         return None
+
+
+def _reply(request: Request, payload: Any) -> Reply:
+    """A reply with a reason, which is as long as a message may have it."""
+    return Reply(request.request_id, msgspec.structs.replace(payload, reason=payload.reason[:TEXT_MAX]))
 
 
 # -- actions that don't exist ----------------------------------------------------------------------------

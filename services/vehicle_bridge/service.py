@@ -14,6 +14,7 @@ from jezero.schemas.health import ServiceState
 from jezero.schemas.preflight import Check
 from jezero.schemas.rows import FLYING_ODOMETRY_MIN_HZ
 from jezero.schemas.state import Status, StatusCode
+from jezero.schemas.struct import TEXT_MAX
 from jezero.schemas.topics import (
     ABORT,
     ACQUIRE,
@@ -529,7 +530,7 @@ class VehicleBridge:
             ready=not not_ready_reason,
             not_ready_reason=not_ready_reason,
             battery=telemetry.battery,
-            text=control_state.text[:2000],
+            text=control_state.text[:TEXT_MAX],
             wind_ned_mps=None if wind is None else wind.mean_ned_mps,
             std_gust_mps=None if wind is None else wind.std_gust_mps,
             paused=control_state.paused,
@@ -615,7 +616,7 @@ class Timer:
     @property
     def started_ns(self) -> int:
         """Vehicle time of the first update."""
-        return 0 if self._t_ns is None else self._t_ns - self.now_ns - self._ahead_ns
+        return 0 if self._t_ns is None else self._t_ns - self.now_ns + self._ahead_ns
 
     def update(self, t_ns: int) -> None:
         """Count the time since the last update; `t_ns` is the present vehicle time."""

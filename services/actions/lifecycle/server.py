@@ -58,7 +58,7 @@ from jezero.schemas.goals import Goal, ImagesFeedback, LandFeedback, MoveFeedbac
 from jezero.schemas.images import GetImage
 from jezero.schemas.rows import Action
 from jezero.schemas.state import STATUS_WORDS, Odometry, Status, StatusCode
-from jezero.schemas.struct import Payload
+from jezero.schemas.struct import TEXT_MAX, Payload
 from jezero.schemas.topics import (
     ACQUIRE,
     ALTIMETER,
@@ -261,7 +261,7 @@ class ActionServer:
             goal=goal,
             goal_id=made_id if plan_only else goal.goal_id or made_id,
             plan=plan,
-            warning="; ".join(text for text in (plan.warning, UNWATCHED if unwatched else "") if text),
+            warning=_joined(plan.warning, UNWATCHED if unwatched else ""),
             config=self._config,
             epoch_id=0 if status is None else status.epoch_id,  # without a status there is no plan
             pictures=self._pictures,
@@ -421,6 +421,7 @@ CHECK_TIMEOUT_S = 1.5
 """Time-out of the inputs of a goal whose inputs are checked before it is accepted."""
 NO_REPLY = "the vehicle bridge did not reply"
 POSITION_LOST = "the vehicle's position is not known any more: is vehicle_bridge running?"
+POSITION_CORRECTED = "the autopilot corrected its position while the flight was planned: send the goal again"
 POSITION_UNKNOWN = "the vehicle's position is unknown"
 SETPOINT_RATE_HZ = 50.0
 """Rate while a goal runs; a plan may ask for more setpoints."""
@@ -655,6 +656,7 @@ class GoalRun:
         if odometry is None:
             yield from self.reject(POSITION_LOST, inbox)
             return
+        self._view.begin(odometry)
         check = self._plan.check_inputs
         reason = "" if check is None else check(self._state(t_ns, inbox, odometry))
         yield from self.reject(reason, inbox, input_missing=True) if reason else self._prepare(t_ns, inbox)
@@ -693,8 +695,7 @@ class GoalRun:
 
     def _warn(self, warning: str) -> None:
         """Add a warning to the acceptance of the goal."""
-        texts = [text for text in (self._accepted.warning, warning) if text]
-        self._accepted = msgspec.structs.replace(self._accepted, warning="; ".join(texts))
+        self._accepted = msgspec.structs.replace(self._accepted, warning=_joined(self._accepted.warning, warning))
 
     # -- acquiring: the behaviour starts, and the bridge gives it control --
 
@@ -707,9 +708,11 @@ class GoalRun:
         if odometry is None:  # there was some when the goal arrived
             yield from self.reject(POSITION_LOST, inbox)
             return
+        if any(self._view.shift(odometry)):
+            yield from self.reject(POSITION_CORRECTED, inbox)
+            return
         self._protection = FlightProtection(self.config.vehicle, odometry, lands=self._plan.lands)
         self._pause = PauseControl(t_ns, self.config.move.accel_mps2)
-        self._view.begin(odometry)
         state = self._state(t_ns, inbox, odometry)
         self.behaviour = start(t_ns, state)
         move = self.behaviour.step(t_ns, state)
@@ -1026,7 +1029,7 @@ class GoalRun:
         if reply.released or (self._releases > 1 and self._is_settled(t_ns, inbox)):
             return done
         outcome = "aborted" if done.outcome == "succeeded" else done.outcome
-        return Done(outcome, "; ".join(text for text in (done.reason, reply.reason) if text))
+        return Done(outcome, _joined(done.reason, reply.reason))
 
     def _is_settled(self, t_ns: int, inbox: Inbox) -> bool:
         """Whether the vehicle is in the state that the release requested, because only its reply was lost."""
@@ -1044,7 +1047,7 @@ class GoalRun:
             reason = reason or "the vehicle bridge did not confirm the end of the goal"
         if not reason:
             return None
-        return Done("aborted", "; ".join(text for text in (self._done.reason, reason) if text))
+        return Done("aborted", _joined(self._done.reason, reason))
 
     def _finish(self, t_ns: int, inbox: Inbox, done: Done) -> Iterator[Output]:
         """End the goal with its result."""
@@ -1070,6 +1073,11 @@ def _battery_refusal(rest: Remaining | Done | None, plan: Plan, inbox: Inbox, ba
     if plan.lands or status is None or not isinstance(rest, Remaining):
         return ""
     return battery_refusal(rest.time_s, plan.landing_from_m, status.battery, battery)
+
+
+def _joined(*sentences: str) -> str:
+    """Sentences for people as one text, as long as a message may have it."""
+    return "; ".join(filter(None, sentences))[:TEXT_MAX]
 
 
 def _response_to(inbox: Inbox, tag: str) -> Response | None:

@@ -433,6 +433,28 @@ def test_a_stop_is_not_overtaken_by_a_skip_or_an_intervention() -> None:
     assert flown.state == "stopped"
 
 
+@pytest.mark.parametrize("seen_at_once", [False, True])
+def test_a_hover_after_a_skip_interrupts_the_mission_behind_the_step_that_is_left_out(seen_at_once: bool) -> None:
+    flown = started(STEP, STEP)
+    assert flown.command(FLYING, "skip").accepted
+    if not seen_at_once:
+        flown.step(FLYING)
+    flown.step(HOVER_REQUESTED)
+    assert flown.end_goal(HOVER_REQUESTED, "canceled") == []
+    assert (flown.state, flown.progress.step, flown.progress.left_out) == ("interrupted", 2, 1)
+    assert flown.progress.reason == "a hover, an abort or a kill was requested: hover requested"
+    assert flown.command(HOVER_REQUESTED, "resume").accepted
+    assert [tag for tag, _ in flown.calls(HOVER_REQUESTED)] == ["mission-1-1.2.1/goal"]
+
+
+def test_a_skip_of_the_last_step_ends_the_mission_though_somebody_intervenes() -> None:
+    flown = started(STEP)
+    flown.command(FLYING, "skip")
+    flown.step(HOVER_REQUESTED)
+    flown.end_goal(HOVER_REQUESTED, "canceled")
+    assert flown.state == "succeeded"
+
+
 def test_an_interrupted_mission_goes_on_only_after_its_goal_has_ended() -> None:
     flown = started(STEP, STEP)
     flown.step(HOVER_REQUESTED)

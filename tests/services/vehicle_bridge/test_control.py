@@ -5,7 +5,7 @@ import re
 import msgspec
 import pytest
 
-from jezero.base.codec import encode
+from jezero.base.codec import decode, encode
 from jezero.base.config import load_config
 from jezero.runtime.service import Health
 from jezero.schemas.commands import Abort, Hover, Phase, Release
@@ -373,3 +373,12 @@ def test_a_flying_vehicle_has_no_reason_not_to_take_off_until_its_telemetry_fail
     rig.autopilot.silent = True
     rig.run(1.5)
     assert rig.status.not_ready_reason
+
+
+def test_a_reason_as_long_as_a_message_may_have_is_shortened_where_the_reply_has_more_words() -> None:
+    rig = Rig().ready().fly()
+    control_id = rig.go("go_to", Phase.GO_TO)
+    reply = rig.request(ABORT, Abort(reason="x" * 2000))
+    assert decode(type(reply), encode(reply)).hovering
+    released = rig.release(control_id)
+    assert decode(type(released), encode(released)) == released

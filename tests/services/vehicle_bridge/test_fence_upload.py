@@ -107,3 +107,14 @@ def test_a_refusal_is_named_with_its_number() -> None:
     upload.on_message(dialect.MAVLink_mission_ack_message(1, 191, 4, dialect.MAV_MISSION_TYPE_FENCE), 0)
     assert "refuses it with MAV_MISSION_RESULT 4" in upload.failure
     assert upload.due(0) is None
+
+
+def test_a_fence_that_the_autopilot_takes_late_is_set_all_the_same() -> None:
+    upload = FenceUpload(1)
+    upload.start(autopilot_items(FENCE, ORIGIN_DEG))
+    for second in range(30):
+        upload.due(second * 1_000_000_000)
+    assert upload.failure == "the autopilot doesn't reply"
+    accepted = dialect.MAVLink_mission_ack_message(1, 1, dialect.MAV_MISSION_ACCEPTED, dialect.MAV_MISSION_TYPE_FENCE)
+    upload.on_message(accepted, 30_000_000_000)
+    assert (upload.done, upload.failure) == (True, "")

@@ -24,3 +24,11 @@ def test_time_that_steps_back_is_not_counted_twice_for_a_tenth_of_a_second_at_mo
         timer.update(t_ms * 1_000_000)
         found.append(timer.now_ns // 1_000_000)
     assert tuple(found) == timer_ms
+
+
+@pytest.mark.parametrize("vehicle_times_ms", [(5000, 5500), (5000, 5500, 5450), (5000, 5500, 5450, 5480, 5700)])
+def test_the_time_of_the_first_update_stays_the_same_when_time_steps_back(vehicle_times_ms: tuple[int, ...]) -> None:
+    timer = Timer()
+    for t_ms in vehicle_times_ms:
+        timer.update(t_ms * 1_000_000)
+    assert timer.started_ns == 5_000_000_000

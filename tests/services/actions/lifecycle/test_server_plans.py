@@ -15,6 +15,7 @@ from tests.services.actions.fake_camera import FakeCamera
 from tests.services.actions.rig import CONFIG, FAR, World
 
 GROUND = (0.0, 0.0, 0.0)
+FEEDBACK = "action/area_coverage/feedback"
 FIELD = AreaCoverageGoal(polygon_ned_m=((0.0, 0.0), (8.0, 0.0), (8.0, 6.0), (0.0, 6.0)), z_ned_m=-4.0, resolution_m=2.0)
 CIRCLE = GetImagesGoal(center_ned_m=(5.0, 0.0, -3.0), radius_m=4.0, num_images=6)
 SPOT = LandOnSpotGoal(use_uwb=False, use_tag=False, landing_spot_ned_m=(6.0, 0.0, 0.0))
@@ -181,3 +182,24 @@ def test_a_flight_is_planned_from_another_place_whatever_the_bridge_says_of_the_
     world.bridge.refuse = "a person flies"
     assert plan(world, goal).reason == "a person flies"
     assert plan(world, msgspec.structs.replace(goal, plan_from_ned_m=(10.0, 0.0, -8.0))).accepted
+
+
+def test_a_plan_begins_where_the_vehicle_is_though_the_autopilot_has_corrected_its_position_before() -> None:
+    world = world_at((0.0, 0.0, -4.0))
+    world.bridge.step_position((50.0, 0.0, 0.0))
+    planned = plan(world, FIELD)
+    assert planned.coverage is not None
+    assert planned.coverage.start_ned_m == pytest.approx((50.0, 0.0))
+
+
+def test_a_goal_is_refused_when_the_autopilot_corrects_its_position_while_the_flight_is_planned() -> None:
+    world = world_at((0.0, 0.0, -4.0))
+    feedback: list[bytes] = []
+    world.bus.observe(lambda _, name, message: feedback.append(message) if name == FEEDBACK else None)
+    request = world.send(FIELD)
+    assert world.bus.run_for(5.0, lambda: bool(feedback)), request.replies
+    assert b'"planning"' in feedback[0]
+    world.bridge.step_position((2.0, 0.0, 0.0))
+    assert world.bus.run_for(5.0, lambda: request.ended)
+    assert "send the goal again" in request.replies[-1].reason
+    assert world.bridge.setpoints == []
