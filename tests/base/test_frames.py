@@ -1,7 +1,7 @@
 """Every rotation, by hand and there and back."""
 
 from itertools import product
-from math import acos, pi, sqrt
+from math import acos, pi, radians, sqrt
 
 import numpy as np
 import pytest
@@ -99,6 +99,15 @@ def test_latitude_and_longitude_are_those_of_the_azimuthal_equidistant_projectio
     there = (latitude_deg, longitude_deg, 0.0)
     assert frames.geodetic_from_ned((north_m, east_m, 0.0), origin_deg) == pytest.approx(there, abs=1e-9)
     assert frames.ned_from_geodetic(there, origin_deg) == pytest.approx((north_m, east_m, 0.0), abs=1e-4)
+
+
+@pytest.mark.parametrize("pole_deg", [90.0, -90.0])
+def test_a_pole_is_a_place_like_others_whatever_the_rounding(pole_deg: float) -> None:
+    for number in range(1, 200):
+        latitude_deg = pole_deg * (1.0 - 1e-4 * number)
+        north_m = radians(pole_deg - latitude_deg) * frames.EARTH_RADIUS_M
+        there = frames.geodetic_from_ned((north_m, 0.0, -5.0), (latitude_deg, 8.5, 488.0))
+        assert (there[0], there[2]) == pytest.approx((pole_deg, 493.0), abs=1e-5)
 
 
 @given(st.floats(-1e3, 1e3))
