@@ -122,6 +122,7 @@ def test_one_camera_is_enough_simulated_or_real(camera: str) -> None:
         ({STATUS.name: (status(t_ns=5_800_000_000),)}, "failed", "the status is -0.80 s old on arrival"),
         ({STATUS.name: (status(t_ns=5_300_000_000),)}, "passed", "the status is 0 ms old"),
         ({STATUS.name: ()}, "passed", "vehicle time runs at 100 % of wall time"),
+        ({CLOCK.name: clocks()[:1] * 2}, "passed", "vehicle time runs at 100 % of wall time"),
         ({CLOCK.name: clocks()[:2]}, "passed", "vehicle time runs at 100 % of wall time"),
         ({CLOCK.name: clocks(rate=0.6)}, "warning", "this computer is too slow for the simulation"),
         ({CLOCK.name: clocks(rate=0.95)}, "passed", "95 % of wall time, the status is 50 ms old"),

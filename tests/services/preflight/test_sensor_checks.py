@@ -280,4 +280,5 @@ def test_without_a_magnetometer_the_heading_is_compared_with_that_of_the_gnss_re
 
 
 def test_a_receiver_without_a_heading_is_a_warning_where_nothing_else_measures_it() -> None:
-    assert check_compass(readings(heading_by="gnss")).verdict == "warning"
+    check = check_compass(readings(heading_by="gnss"))
+    assert check.verdict == "warning" and check.text.startswith("no heading of the GNSS receiver, or of the autopilot")
