@@ -79,6 +79,47 @@ def test_takeoff_and_landing_pass_the_floor() -> None:
     assert "floor" in way_refusal(FENCE, climb, from_ground=False, to_ground=False)
 
 
+def test_only_the_first_leg_of_a_takeoff_and_the_last_of_a_landing_may_be_below_the_floor() -> None:
+    high, low, ground = (0.0, 0.0, -3.0), (0.0, 5.0, -0.6), (0.0, 0.0, 0.0)
+    for way, from_ground, to_ground in (
+        ([ground, high, low], True, False),
+        ([ground, low, high], False, True),
+        ([low, high, ground], False, True),
+        ([high, ground, low], True, False),
+    ):
+        refusal = way_refusal(FENCE, way, from_ground=from_ground, to_ground=to_ground)
+        assert refusal.startswith("the way leaves the fence") and "below the floor of 1 m" in refusal
+    assert way_refusal(FENCE, [ground, high, low, ground], from_ground=True, to_ground=True) != ""
+    assert way_refusal(FENCE, [ground, high, ground], from_ground=True, to_ground=True) == ""
+
+
+@pytest.mark.parametrize("length_m", [0.05, 0.12, 0.18, 0.35])
+def test_a_way_is_judged_however_short_it_is(length_m: float) -> None:
+    """It ends 0.03 m too near to the edge, from which it must stay 0.5 m away."""
+    end: Vec3 = (0.0, 9.53, -3.0)
+    begin: Vec3 = (0.0, 9.53 - length_m, -3.0)
+    refusal = way_refusal(FENCE, [begin, end], from_ground=False, to_ground=False)
+    assert "within 0.5 m of the edge of the area 'field'" in refusal
+    assert way_refusal(FENCE, [begin, (0.0, 9.47, -3.0)], from_ground=False, to_ground=False) == ""
+
+
+def test_a_place_exactly_at_a_limit_is_within_it() -> None:
+    for place in ((0.0, 9.5, -3.0), (3.5, 0.0, -3.0), (0.0, 0.0, -19.5), (0.0, 0.0, -1.0)):
+        assert place_refusal(FENCE, place, low_allowed=False) == ""
+    for place in ((0.0, 9.51, -3.0), (3.51, 0.0, -3.0), (0.0, 0.0, -19.51), (0.0, 0.0, -0.99)):
+        assert place_refusal(FENCE, place, low_allowed=False) != ""
+
+
+def test_a_zone_with_the_same_corner_twice_is_measured_as_without() -> None:
+    corners_m = SQUARE.corners_ned_m
+    for index in range(4):
+        twice = (*corners_m[: index + 1], *corners_m[index:])
+        fence = Fence(keep_in=Zone(name="field", corners_ned_m=twice))
+        for point_m, inside in (((0.0, 9.0), 1.0), ((-12.0, -10.0), -2.0), ((13.0, 14.0), -5.0)):
+            at = nearest(fence, point_m)
+            assert at is not None and isclose(at.inside_m, inside, abs_tol=1e-9)
+
+
 def test_zones_in_degrees_are_placed_around_the_origin() -> None:
     zone = Zone(name="z", corners_deg=((47.0, 8.0), (47.001, 8.0), (47.0, 8.001)))
     fence = Fence(keep_in=zone)
@@ -159,7 +200,8 @@ def test_distances_to_any_zone_are_those_of_shapely(seed: int) -> None:
         end_m = (rng.uniform(-22.0, 22.0), rng.uniform(-22.0, 22.0))
         for edge in found:
             line, way = shapely.LineString((edge.begin_m, edge.end_m)), shapely.LineString((point_m, end_m))
-            assert abs(edge.inside_m) == pytest.approx(line.distance(point), abs=1e-9)
+            side = 1.0 if distances_m[edge.zone.name] > 0.0 else -1.0
+            assert edge.inside_m == pytest.approx(side * line.distance(point), abs=1e-9)
             assert edge.distance_to_way_m(point_m, end_m) == pytest.approx(line.distance(way), abs=1e-9)
         for zone in fence.zones:
             ring = [*zone.corners_ned_m, zone.corners_ned_m[0]]

@@ -4,8 +4,9 @@ from collections.abc import Callable
 
 import msgspec
 import pytest
+import shapely
 
-from jezero.base.fence import JoinError, fence_doubts, fence_refusal, joined, places_outside, zone_refusal
+from jezero.base.fence import JoinError, fence_doubts, fence_refusal, joined, placed, places_outside, zone_refusal
 from jezero.base.frames import geodetic_from_ned
 from jezero.schemas.fence import Fence, Zone
 
@@ -43,6 +44,24 @@ def test_a_zone_that_cannot_be_meant_is_refused(make: Callable[..., Zone], corne
     assert zone_refusal(zone).startswith(words)
     for fence in (Fence(keep_in=zone), Fence(keep_out=(zone,))):
         assert words in fence_refusal(fence) and "'field'" in fence_refusal(fence)
+
+
+@pytest.mark.parametrize(
+    ("zone", "place"),
+    [
+        (metres(((-8, -9), (12, 11), (12, -9), (-8, 11))), "north 2.0 m, east 1.0 m"),
+        (degrees(((-8, -9), (12, 11), (12, -9), (-8, 11))), "10.0 m north and 10.0 m east of its first corner, 47."),
+    ],
+)
+def test_the_place_where_edges_cross_is_named(zone: Zone, place: str) -> None:
+    assert f"its edges cross or touch at {place}" in zone_refusal(zone)
+
+
+@pytest.mark.parametrize("make", [metres, degrees])
+@pytest.mark.parametrize(("size_m", "taken"), [(0.6, False), (0.8, True)])
+def test_a_zone_has_a_diagonal_of_at_least_a_metre(make: Callable[..., Zone], size_m: float, taken: bool) -> None:
+    for corners in (square(size_m), square(size_m, 400.0, -300.0)):
+        assert ("mm apart" in zone_refusal(make(corners))) is not taken
 
 
 @pytest.mark.parametrize("make", [metres, degrees])
@@ -130,6 +149,9 @@ def test_several_areas_that_touch_are_one(make: Callable[..., Zone]) -> None:
     assert whole.name == "west and east"
     assert fence_refusal(Fence(keep_in=whole)) == ""
     assert joined([west]) is west
+    placed_fence = placed(Fence(keep_in=whole), ORIGIN_DEG)
+    assert placed_fence is not None and placed_fence.keep_in is not None
+    assert shapely.Polygon(placed_fence.keep_in.corners_ned_m).area == pytest.approx(180.0, abs=0.1)
     far = make(square(10.0, 0.0, 40.0), "far")
     with pytest.raises(JoinError, match="don't touch"):
         joined([west, far])
@@ -138,3 +160,7 @@ def test_several_areas_that_touch_are_one(make: Callable[..., Zone]) -> None:
         joined(ring)
     with pytest.raises(JoinError, match="in degrees and others in metres"):
         joined([metres(square(9.0)), degrees(square(9.0))])
+    crossed = make(((-5, -5), (5, 5), (5, -5), (-5, 5)), "bow")
+    for zones in ([west, crossed], [crossed, west]):
+        with pytest.raises(JoinError, match="'bow': its edges cross or touch at"):
+            joined(zones)

@@ -1,6 +1,7 @@
 """Every rotation, by hand and there and back."""
 
-from math import acos, pi, sqrt
+from itertools import product
+from math import acos, pi, radians, sqrt
 
 import numpy as np
 import pytest
@@ -100,6 +101,15 @@ def test_latitude_and_longitude_are_those_of_the_azimuthal_equidistant_projectio
     assert frames.ned_from_geodetic(there, origin_deg) == pytest.approx((north_m, east_m, 0.0), abs=1e-4)
 
 
+@pytest.mark.parametrize("pole_deg", [90.0, -90.0])
+def test_a_pole_is_a_place_like_others_whatever_the_rounding(pole_deg: float) -> None:
+    for number in range(1, 200):
+        latitude_deg = pole_deg * (1.0 - 1e-4 * number)
+        north_m = radians(pole_deg - latitude_deg) * frames.EARTH_RADIUS_M
+        there = frames.geodetic_from_ned((north_m, 0.0, -5.0), (latitude_deg, 8.5, 488.0))
+        assert (there[0], there[2]) == pytest.approx((pole_deg, 493.0), abs=1e-5)
+
+
 @given(st.floats(-1e3, 1e3))
 def test_a_wrapped_angle_is_within_half_a_turn(angle: float) -> None:
     assert -pi <= frames.wrap_pi(angle) < pi + 1e-9
@@ -181,6 +191,33 @@ def test_vectors_are_those_of_numpy(a: Vec3, b: Vec3, factor: float) -> None:
 def test_the_origin_of_a_frame_is_where_one_place_has_both_positions(pos_ned_m: Vec3, latitude_deg: float) -> None:
     there = frames.geodetic_from_ned(pos_ned_m, (latitude_deg, 8.5, 488.0))
     assert frames.ned_from_geodetic(there, frames.origin_from(pos_ned_m, there)) == pytest.approx(pos_ned_m, abs=0.05)
+
+
+@pytest.mark.parametrize("yaw", [-3.0, -1.2, 0.0, 0.4, 2.5])
+@pytest.mark.parametrize(("roll", "pitch"), [(0.0, 0.0), (0.3, 0.0), (0.0, -0.5), (-0.7, 1.2), (3.0, 0.2)])
+def test_the_level_attitude_has_roll_and_pitch_and_no_heading(roll: float, pitch: float, yaw: float) -> None:
+    level = frames.q_level_from_frd(frames.quat_from_euler(roll, pitch, yaw))
+    assert frames.euler_from_quat(level) == pytest.approx((roll, pitch, 0.0), abs=1e-4)
+
+
+@pytest.mark.parametrize("up", [-1.0, 1.0])
+def test_a_nose_that_points_straight_up_or_down_has_a_pitch_of_a_quarter_turn_whatever_the_rounding(up: float) -> None:
+    for roll, yaw in product(range(-3, 4), range(-3, 4)):
+        q = frames.quat_from_euler(roll, up * pi / 2, yaw)
+        assert frames.euler_from_quat(q)[1] == pytest.approx(up * pi / 2, abs=1e-6)
+        assert frames.tilt_from_quat(q) == pytest.approx(pi / 2, abs=1e-6)
+
+
+def test_a_vehicle_upside_down_is_tilted_by_half_a_turn_whatever_the_rounding() -> None:
+    for yaw in range(-30, 31):
+        assert frames.tilt_from_quat(frames.quat_from_euler(pi, 0.0, 0.1 * yaw)) == pytest.approx(pi, abs=1e-6)
+
+
+@pytest.mark.parametrize("angle_rad", [1e-12, 4e-10, 3e-9, 1e-6])
+def test_a_tiny_turn_has_half_its_angle_in_each_axis_of_the_quaternion(angle_rad: float) -> None:
+    q = frames.quat_from_rotation_vector((1.0 * angle_rad, -0.5 * angle_rad, 0.8 * angle_rad))
+    assert q[0] == pytest.approx(1.0)
+    assert [axis / angle_rad for axis in q[1:]] == pytest.approx([0.5, -0.25, 0.4])
 
 
 @given(st.floats(0.1, 3.0), st.floats(-1.4, 1.4), angles)

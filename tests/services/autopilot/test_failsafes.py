@@ -80,6 +80,18 @@ def test_of_several_things_the_most_severe_counts_in_whatever_order(mode: Mode, 
     assert most_severe_action((), mode, landed, ACTING) == (N, None)
 
 
+def test_the_cause_of_an_action_is_the_trigger_of_the_most_severe_one_and_of_equal_ones_the_first() -> None:
+    low, critical, lost = Trigger.BATTERY_LOW, Trigger.BATTERY_CRITICAL, Trigger.LINK_LOST
+    for triggers, action, cause in (
+        ((low, critical), R, critical),
+        ((critical, low), R, critical),
+        ((critical, lost), R, critical),
+        ((lost, low, critical), R, lost),
+        ((Trigger.OFFBOARD_LOST,), N, None),
+    ):
+        assert most_severe_action(triggers, Mode.POSITION, False, ACTING) == (action, cause)
+
+
 def test_the_documentation_has_the_table() -> None:
     text = (Path(__file__).parents[3] / "docs" / "reliability.md").read_text()
     assert docs_section() in text, (

@@ -7,13 +7,15 @@ import pytest
 from msgspec.structs import replace
 
 from jezero.runtime.service import Call, Output, Response
-from jezero.schemas.actions import PlanReply
+from jezero.schemas.actions import Cancel, PlanReply
 from jezero.schemas.commands import Abort, AbortReply
 from jezero.schemas.goals import ReturnHomeGoal
 from jezero.schemas.mission import Mission, MissionCommand
 from jezero.schemas.state import Battery, Status
+from jezero.schemas.topics import ACTIONS, health_of
 from jezero.services.mission.config import MissionConfig
 from jezero.services.mission.rules import last_goal
+from jezero.services.mission.service import MissionService
 from tests.services.mission.rig import FLYING, LANDED, STEP, Flown
 
 RALLY = ((20.0, -15.0), (5.0, 5.0))
@@ -171,6 +173,34 @@ def test_a_return_that_is_not_possible_any_more_is_not_flown(status: Status, rea
     assert flown.progress.reason.endswith(f"; the return has ended: {reason}")
 
 
+def test_a_mission_whose_vehicle_must_return_gives_its_goal_up_and_waits_with_the_reason() -> None:
+    flown = Flown()
+    assert flown.ask(FLYING, Mission(name="m", steps=(STEP, STEP))).accepted
+    flying = replace(FLYING, in_charge="goal", goal_id="mission-1-1.1.1", action="go_to")
+    (tag,) = plans(flown.step(FLYING))
+    plan = Response(tag, PlanReply(accepted=True, duration_s=900.0))
+    outputs = flown.step(charged(flying, 0.15), None, plan)
+    canceled = {o.payload.goal_id for o in outputs if isinstance(o, Call) and isinstance(o.payload, Cancel)}
+    assert canceled == {"mission-1-1.1.1"}
+    assert flown.state == "interrupted"
+    assert flown.progress.reason.startswith("the battery has 15%, the way home needs ")
+    flown.end_goal(LOW, "canceled", "canceled by a client")
+    assert (flown.state, flown.progress.step) == ("interrupted", 1)
+    assert flown.progress.reason.startswith("the battery has 15%, the way home needs ")
+
+
+def test_a_mission_that_has_ended_is_not_revived_by_a_return() -> None:
+    flown = Flown()
+    assert flown.ask(FLYING, Mission(name="m", steps=(STEP,))).accepted
+    flown.step(FLYING)
+    flown.end_goal(FLYING)
+    assert flown.state == "succeeded"
+    assert comes_home(flown, LOW, 900.0)
+    assert (flown.state, flown.progress.reason) == ("succeeded", "")
+    flown.step(LANDED, None, flown.result("return-1-1.1", "succeeded"))
+    assert (flown.state, flown.progress.reason) == ("succeeded", "")
+
+
 @pytest.mark.parametrize("command", ["pause", "resume", "skip", "swapped"])
 def test_while_the_vehicle_returns_nothing_but_an_end_of_the_mission_is_accepted(command: Any) -> None:
     flown = returning()
@@ -214,6 +244,44 @@ def test_a_vehicle_that_lands_or_comes_home_is_left_alone(action: str) -> None:
     flown = Flown()
     assert not comes_home(flown, replace(LOW, action=action), 900.0)
     assert not aborts(flown.calls(replace(IN_CHARGE, action=action)))
+
+
+@pytest.mark.parametrize(
+    "status",
+    [
+        EXTERNAL_LOW,
+        replace(LOW, in_charge="failsafe", text="RTL"),
+        replace(IN_CHARGE, landed=True),
+        replace(IN_CHARGE, armed=False),
+    ],
+    ids=["a person flies", "a failsafe flies", "landed", "motors off"],
+)
+def test_a_vehicle_that_somebody_else_flies_or_that_does_not_fly_is_left_alone_and_comes_home_after_that(
+    status: Status,
+) -> None:
+    flown = Flown()
+    assert not comes_home(flown, charged(FLYING, 0.95), 600.0), "the battery holds the way"
+    assert not comes_home(flown, status, 600.0)
+    assert not any(aborts(flown.calls(status)) for _ in range(3))
+    assert comes_home(flown, LOW, 600.0)
+
+
+def test_a_plan_of_the_way_home_that_is_refused_leaves_the_last_one_in_force() -> None:
+    flown = Flown()
+    assert not comes_home(flown, charged(FLYING, 0.9), 100.0)
+    for _ in range(3):
+        (tag,) = plans(flown.step(charged(FLYING, 0.9)))
+        flown.step(charged(FLYING, 0.9), None, Response(tag, PlanReply(accepted=False, reason="no place")), seconds=0.2)
+    assert flown.health == "no mission; the battery has 90%, the way home needs 21%"
+
+
+def test_a_vehicle_without_a_known_position_is_not_planned_for_and_its_last_plan_counts() -> None:
+    flown = Flown()
+    lost = replace(LOW, odometry=None)
+    assert not plans(flown.step(lost))
+    (tag,) = plans(flown.step(charged(FLYING, 0.9)))
+    flown.step(lost, None, Response(tag, PlanReply(accepted=True, duration_s=900.0)))
+    assert returns(flown.calls(lost))
 
 
 def test_a_vehicle_whose_battery_reports_nothing_flies_on() -> None:
@@ -274,6 +342,12 @@ def test_a_ground_station_that_was_heard_in_this_flight_and_falls_silent_brings_
     assert bool(any(returns(flown.calls(FLYING)) for _ in range(3))) is comes_home
     if comes_home:
         assert flown.health == "no mission; the ground station has been silent for 20 s: the vehicle returns"
+
+
+@pytest.mark.parametrize("loss_s", [0.0, 20.0])
+def test_the_service_listens_to_the_ground_station_when_it_must_miss_it(loss_s: float) -> None:
+    service = MissionService(1, ACTIONS, config=MissionConfig(ground_loss_s=loss_s))
+    assert (health_of("ground_station") in service.spec.inputs) is bool(loss_s)
 
 
 def test_a_ground_station_that_was_heard_in_the_flight_before_is_not_missed() -> None:

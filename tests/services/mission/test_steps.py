@@ -6,10 +6,20 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 
+from jezero.base.codec import decode, encode
 from jezero.runtime.service import Response
 from jezero.schemas.actions import Cancel, PauseReply, Result, ResultReply, Resume, ResumeReply
 from jezero.schemas.goals import AreaCoverageGoal, CoverageResult
-from jezero.schemas.mission import FailurePolicy, GoalStep, Mission, MissionCommand, Step, WaitStep
+from jezero.schemas.mission import (
+    FailurePolicy,
+    GoalStep,
+    Mission,
+    MissionCommand,
+    MissionProgress,
+    MissionReply,
+    Step,
+    WaitStep,
+)
 from jezero.schemas.state import Status
 from jezero.services.mission.record import MissionRecord
 from tests.client.rig import a_result
@@ -152,6 +162,9 @@ def test_a_takeoff_that_fails_is_no_step_that_is_done() -> None:
     flown.step(LANDED)
     flown.end_goal(LANDED, "aborted", "the motors don't turn")
     assert (flown.state, flown.progress.step) == ("failed", 1)
+    assert flown.command(LANDED, "resume").accepted
+    ((name, goal),) = flown.goals(LANDED)
+    assert (name, goal.altitude_m) == ("takeoff", 5.0)
 
 
 @pytest.mark.parametrize("lands", [True, False])
@@ -231,6 +244,24 @@ def test_a_mission_that_has_ended_is_not_interrupted() -> None:
     flown.epoch_id = 2
     flown.step(EXTERNAL)
     assert flown.state == "succeeded"
+
+
+@pytest.mark.parametrize(
+    ("status", "reason"),
+    [
+        (EXTERNAL, "somebody else has control: POSCTL"),
+        (replace(EXTERNAL, in_charge="failsafe", text="RTL"), "somebody else has control: RTL"),
+    ],
+)
+def test_a_step_that_is_left_out_while_a_person_or_a_failsafe_flies_does_not_begin_the_next(
+    status: Status, reason: str
+) -> None:
+    flown = started(STEP, STEP)
+    flown.step(status)
+    assert flown.command(status, "skip").accepted
+    calls = flown.end_goal(status, "canceled", "canceled by a client")
+    assert [tag for tag, _ in calls if tag.endswith("/goal")] == []
+    assert (flown.state, flown.progress.step, flown.progress.reason) == ("interrupted", 2, reason)
 
 
 @pytest.mark.parametrize(("command", "state", "step"), [("stop", "stopped", 1), ("skip", "interrupted", 2)])
@@ -482,6 +513,7 @@ def test_a_failed_mission_is_tried_again_with_a_vehicle_that_was_restarted_since
     flown.end_goal(FLYING, "aborted", "wind")
     flown.restart_vehicle()
     flown.step(FLYING)
+    assert (flown.state, flown.progress.reason) == ("failed", "wind")
     assert flown.command(FLYING, "resume").accepted
     assert [name for name, _ in flown.goals(FLYING)] == ["go_to"]
     flown.step(FLYING)
@@ -599,6 +631,14 @@ def test_a_goal_that_was_paused_before_a_restart_of_the_service_goes_on_by_comma
     assert resumes(flown.calls(in_charge("m-1.1.1"))) == []
 
 
+def test_a_goal_that_flies_on_since_a_restart_of_the_service_and_was_not_paused_gets_no_resume() -> None:
+    flown = Flown(MissionRecord(mission=Mission(name="m", steps=(STEP,)), mission_id="m-1"))
+    assert flown.command(in_charge("m-1.1.1"), "resume").accepted
+    calls = flown.calls(in_charge("m-1.1.1"))
+    assert [tag for tag, _ in calls if tag.endswith("/goal")] == ["m-1.1.1/goal"]
+    assert resumes(calls) == []
+
+
 def test_a_takeoff_that_flies_on_since_a_restart_of_the_service_ends_before_the_step_begins() -> None:
     record = MissionRecord(mission=Mission(name="m", steps=(STEP,)), mission_id="m-1", altitude_m=5.0)
     flown, climbing = Flown(record), in_charge("m-1.1.1.takeoff", "takeoff")
@@ -638,6 +678,36 @@ def test_after_a_restart_and_a_landing_the_result_of_the_goal_that_flew_before_i
     flown = Flown(record)
     assert flown.command(FLYING, "resume").accepted
     assert [tag for tag, _ in flown.calls(FLYING)] == ["m-1.1.1/goal"], "it may still fly"
+    flown, stands = Flown(record), replace(LANDED, armed=True)
+    assert flown.command(stands, "resume").accepted
+    assert [tag for tag, _ in flown.calls(stands)] == ["m-1.1.1/goal"], "it may take off just now"
+
+
+def test_a_reason_is_no_longer_than_a_message_holds() -> None:
+    reason = "x" * 2000
+    flown = started(with_policy(then="land"), STEP)
+    flown.end_goal(FLYING, "aborted", reason)
+    assert flown.progress.reason.startswith("step 1, go: xxx")
+    assert decode(MissionProgress, encode(flown.progress)) == flown.progress
+    flown = pausing()
+    paused = Response("mission-1-1.1.1/pause", PauseReply(paused=True))
+    (reply,) = flown.replies(replace(HOVER_REQUESTED, text=reason), None, paused)
+    assert reply.reason.startswith("the mission is interrupted: ")
+    assert decode(MissionReply, encode(reply)) == reply
+
+
+def test_a_mission_is_kept_at_its_changes_alone() -> None:
+    flown = Flown()
+    flown.step(FLYING)
+    assert flown.records == []
+    assert flown.ask(FLYING, Mission(name="m", steps=(STEP,))).accepted
+    flown.step(FLYING)
+    count = len(flown.records)
+    for _ in range(10):
+        flown.step(FLYING)
+    assert len(flown.records) == count
+    flown.end_goal(FLYING)
+    assert (len(flown.records), flown.records[-1].state) == (count + 1, "succeeded")
 
 
 def test_progress_is_published_twice_a_second_and_at_each_change() -> None:

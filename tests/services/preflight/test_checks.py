@@ -48,6 +48,11 @@ def test_an_autopilot_that_is_not_ready_fails_with_its_reason() -> None:
     assert (outcome.verdict, outcome.text) == ("failed", "the autopilot has no position")
 
 
+def test_an_autopilot_that_is_not_ready_without_a_reason_is_named_by_its_state() -> None:
+    outcome = check_autopilot(readings({STATUS.name: (status(ready=False, code=int(StatusCode.EXTERNAL)),)}))
+    assert (outcome.verdict, outcome.text) == ("failed", "the vehicle is under other command")
+
+
 def test_a_flying_vehicle_passes_the_check_of_the_autopilot() -> None:
     flying = status(code=int(StatusCode.HOVER), autopilot_mode="OFFBOARD")
     assert "flies, in mode OFFBOARD" in check_autopilot(readings({STATUS.name: (flying,)})).text
@@ -57,6 +62,11 @@ def test_a_line_that_carries_too_little_for_a_landing_is_a_warning() -> None:
     narrow = health("vehicle_bridge", "degraded", "odometry comes at 10 Hz, and land on spot needs 15 Hz")
     outcome = check_autopilot(readings(health={**readings().health, "vehicle_bridge": narrow}))
     assert (outcome.verdict, outcome.text) == ("warning", narrow.text)
+    others = check_services(readings(health={**readings().health, "vehicle_bridge": narrow}))
+    assert others.verdict == "passed", "it is named once"
+    flying = status(code=int(StatusCode.HOVER), autopilot_mode="OFFBOARD")
+    ill = readings({STATUS.name: (flying,)}, health={**readings().health, "vehicle_bridge": narrow})
+    assert check_autopilot(ill).verdict == "passed"
 
 
 def without(*names: str) -> dict[str, ServiceHealth]:
@@ -109,6 +119,10 @@ def test_one_camera_is_enough_simulated_or_real(camera: str) -> None:
     [
         ({CLOCK.name: clocks()[:1]}, "failed", "vehicle time stands still"),
         ({STATUS.name: (status(t_ns=4_200_000_000),)}, "failed", "the status is 0.80 s old on arrival"),
+        ({STATUS.name: (status(t_ns=5_800_000_000),)}, "failed", "the status is -0.80 s old on arrival"),
+        ({STATUS.name: (status(t_ns=5_300_000_000),)}, "passed", "the status is 0 ms old"),
+        ({STATUS.name: ()}, "passed", "vehicle time runs at 100 % of wall time"),
+        ({CLOCK.name: clocks()[:1] * 2}, "passed", "vehicle time runs at 100 % of wall time"),
         ({CLOCK.name: clocks()[:2]}, "passed", "vehicle time runs at 100 % of wall time"),
         ({CLOCK.name: clocks(rate=0.6)}, "warning", "this computer is too slow for the simulation"),
         ({CLOCK.name: clocks(rate=0.95)}, "passed", "95 % of wall time, the status is 50 ms old"),
@@ -147,6 +161,7 @@ def test_the_battery_fails_at_its_critical_level(battery: Battery | None, verdic
     ("recorder", "verdict", "words"),
     [
         (health("recorder", room_bytes=49_000_000), "failed", "49 MB free for recordings: delete old ones"),
+        (health("recorder", room_bytes=60_000_000), "warning", "0.1 GB free for recordings: delete old ones soon"),
         (health("recorder", room_bytes=1_500_000_000), "warning", "1.5 GB free for recordings"),
         (health("recorder", room_bytes=3_000_000_000), "passed", "3.0 GB free for recordings"),
         (health("recorder", "degraded", "not recording: it may not write"), "warning", "not recording"),
@@ -194,3 +209,14 @@ def test_a_vehicle_outside_its_fence_fails(state: dict[str, Any], verdict: str, 
     outcome = check_fence(readings({FENCE.name: (FenceState(t_ns=1, **state),)}))
     assert outcome.verdict == verdict
     assert words in outcome.text
+
+
+def test_a_fence_without_a_bridge_or_without_a_position_is_not_judged() -> None:
+    held = (FenceState(t_ns=1, fence=Fence(keep_in=FIELD), fence_id="a"),)
+    for messages, words in (
+        ({FENCE.name: ()}, "the vehicle bridge publishes no fence"),
+        ({FENCE.name: held, STATUS.name: ()}, "the vehicle bridge publishes no fence"),
+        ({FENCE.name: held, STATUS.name: (status(odometry=None),)}, "waits for the vehicle's origin"),
+    ):
+        outcome = check_fence(readings(messages))
+        assert outcome.verdict == "warning" and words in outcome.text

@@ -1,8 +1,11 @@
 """Of the three heights of a takeoff, the one that differs is named."""
 
+from math import pi
+
 import pytest
 from msgspec.structs import replace
 
+from jezero.base.frames import quat_from_euler
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.schemas.sensors import Altimeter, Barometer
 from jezero.schemas.state import Status
@@ -107,8 +110,56 @@ def test_a_platform_under_the_beam_a_reset_of_the_height_and_moving_air_are_norm
     assert climbed(3.0, range_m=3.0, barometer_m=3.0, step_m=4.0).problem == ""
 
 
-def test_a_short_difference_is_normal() -> None:
-    assert climbed(3.0, range_m=0.2, barometer_m=3.0, hovers_s=0.8).problem == ""
+@pytest.mark.parametrize(("hovers_s", "named"), [(0.8, False), (1.4, True)])
+def test_a_difference_of_less_than_a_second_is_normal(hovers_s: float, named: bool) -> None:
+    assert bool(climbed(3.0, range_m=0.2, barometer_m=3.0, hovers_s=hovers_s).problem) is named
+
+
+def test_short_differences_are_normal_however_many_they_are() -> None:
+    watch = HeightWatch(VehicleConfig())
+    watch.update(at(0.0, 0.0), [Altimeter(t_ns=0)], [])
+    for tenth in range(1, 60):
+        wrong = tenth % 10 < 8
+        watch.update(at(0.1 * tenth, 3.0), [Altimeter(t_ns=0, range_m=0.2 if wrong else 3.0)], [])
+    assert watch.problem == ""
+    for tenth in range(60, 120):
+        high = tenth % 10 < 8
+        watch.update(at(0.1 * tenth, 3.0 if high else 1.0), [Altimeter(t_ns=0, range_m=0.2)], [])
+    assert watch.problem == ""
+
+
+def test_a_barometer_that_is_first_heard_in_the_air_is_not_compared() -> None:
+    watch = HeightWatch(VehicleConfig())
+    for tenth in range(10):
+        watch.update(at(0.1 * tenth, 0.0), [Altimeter(t_ns=0)], [])
+    for tenth in range(10, 40):
+        air = Barometer(t_ns=0, pressure_pa=95_000.0, altitude_pressure_m=HOME_BAROMETER_M, temperature_degc=15.0)
+        watch.update(at(0.1 * tenth, 3.0), [Altimeter(t_ns=0, range_m=0.2)], [air])
+    assert "by the altimeter 0.2 m: the altimeter is wrong" in watch.problem
+    assert "barometer" not in watch.problem
+
+
+def test_an_autopilot_that_loses_its_position_in_the_takeoff_ends_the_comparison() -> None:
+    watch = HeightWatch(VehicleConfig())
+    watch.update(at(0.0, 0.0), [Altimeter(t_ns=0)], [])
+    watch.update(at(0.1, 3.0), [Altimeter(t_ns=0, range_m=0.2)], [])
+    watch.update(replace(at(0.2, 3.0), odometry=None), [Altimeter(t_ns=0, range_m=0.2)], [])
+    for tenth in range(3, 40):
+        watch.update(at(0.1 * tenth, 3.0), [Altimeter(t_ns=0, range_m=0.2)], [])
+    assert (watch.problem, watch.listens) == ("", False)
+
+
+def test_the_range_of_a_tilted_vehicle_is_longer_than_its_height() -> None:
+    """At a tilt of 60 degrees the beam is twice as long as the height."""
+    for range_m, problem in ((6.0, ""), (3.0, "by the altimeter 1.5 m: the altimeter is wrong")):
+        watch = HeightWatch(VehicleConfig())
+        watch.update(at(0.0, 0.0), [Altimeter(t_ns=0)], [])
+        for tenth in range(1, 30):
+            high = at(0.1 * tenth, 3.0)
+            assert high.odometry is not None
+            tilted = replace(high.odometry, q_ned_from_frd=quat_from_euler(pi / 3, 0.0, 0.0))
+            watch.update(replace(high, odometry=tilted), [Altimeter(t_ns=0, range_m=range_m)], [])
+        assert problem in watch.problem and bool(watch.problem) is bool(problem)
 
 
 def test_the_altimeter_is_not_compared_over_other_ground_nor_above_its_range() -> None:

@@ -56,6 +56,11 @@ def test_a_silent_or_late_sensor_fails_and_a_slow_one_or_one_of_the_landing_warn
     assert words in outcome.text
 
 
+def test_of_healthy_sensors_the_age_of_the_oldest_reading_is_said() -> None:
+    outcome = check_sensors(readings({GNSS.name: gnss()[:8]}))
+    assert (outcome.verdict, outcome.text) == ("passed", "all 7 send, the oldest reading is 300 ms old")
+
+
 def test_a_sensor_that_has_never_been_heard_warns() -> None:
     outcome = check_sensors(readings({UWB.name: ()}, heard=HEARD - {UWB.name}))
     assert (outcome.verdict, outcome.text) == ("warning", "no readings of UWB so far")
@@ -65,6 +70,8 @@ def test_a_sensor_that_has_never_been_heard_warns() -> None:
     ("topic", "messages", "verdict", "words"),
     [
         (IMU, imu(std_gyro_rps=0.03), "warning", "gyro 0.027 rad/s, at most 0.02 is normal"),
+        (IMU, imu(std_gyro_rps=0.07), "warning", "is the vehicle shaken, or a sensor loose?"),
+        (IMU, imu(std_gyro_rps=0.11), "failed", "is the vehicle shaken, or a sensor loose?"),
         (IMU, imu(std_gyro_rps=0.2), "failed", "is the vehicle shaken, or a sensor loose?"),
         (IMU, imu(std_acc_mps2=0.3), "warning", "m/s², at most 0.2 is normal"),
         (ALTIMETER, altimeter(std_m=0.12), "warning", "altimeter 0.1"),
@@ -109,7 +116,8 @@ def test_an_altimeter_that_measures_metres_below_a_standing_vehicle_fails() -> N
     check = check_sensors(readings({ALTIMETER.name: far}))
     assert check.verdict == "failed" and "the altimeter reads 5.0 m while the vehicle stands" in check.text
     flying = status(armed=True, landed=False, code=StatusCode.HOVER)
-    assert check_sensors(readings({ALTIMETER.name: far, STATUS.name: (flying,)})).verdict == "passed"
+    for moves in (flying, status(armed=True), status(landed=False)):
+        assert check_sensors(readings({ALTIMETER.name: far, STATUS.name: (moves,)})).verdict == "passed"
 
 
 @pytest.mark.parametrize(("range_m", "verdict"), [(0.7, "passed"), (0.9, "failed")])
@@ -190,6 +198,23 @@ def test_without_a_position_or_an_origin_the_fixes_are_compared_with_nothing() -
         assert check_compass(readings({STATUS.name: (status(odometry=odometry),)})).verdict != "failed"
 
 
+def test_the_standard_deviation_of_the_estimate_counts_as_that_of_the_fixes() -> None:
+    """Together they are 2.04 m, of which three and the margin of 1.5 m are 7.6 m."""
+    here = status().odometry
+    assert here is not None
+    for east_m, verdict in ((7.0, "passed"), (8.2, "warning")):
+        moved = msgspec.structs.replace(here, pos_uav_ned_m=(0.0, east_m, 0.0), std_pos_m=2.0)
+        outcome = check_gnss(readings({STATUS.name: (status(odometry=moved),)}))
+        assert outcome.verdict == verdict and "whose standard deviation is 2.0 m" in outcome.text
+
+
+def test_where_the_earths_field_is_not_known_only_its_direction_is_compared() -> None:
+    here = status().odometry
+    assert here is not None
+    at_pole = status(odometry=msgspec.structs.replace(here, origin_deg=(90.0, 0.0, 0.0)))
+    assert check_compass(readings({STATUS.name: (at_pole,)})).verdict == "passed"
+
+
 @pytest.mark.parametrize(
     ("error_deg", "verdict"), [(-19.0, "passed"), (21.0, "warning"), (59.0, "warning"), (-62.0, "failed")]
 )
@@ -255,4 +280,5 @@ def test_without_a_magnetometer_the_heading_is_compared_with_that_of_the_gnss_re
 
 
 def test_a_receiver_without_a_heading_is_a_warning_where_nothing_else_measures_it() -> None:
-    assert check_compass(readings(heading_by="gnss")).verdict == "warning"
+    check = check_compass(readings(heading_by="gnss"))
+    assert check.verdict == "warning" and check.text.startswith("no heading of the GNSS receiver, or of the autopilot")

@@ -12,10 +12,11 @@ from jezero.base.vehicle_config import BatteryConfig
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.runtime.service import Inbox, Output, Publish, Reply, Spec
 from jezero.schemas.estimate import ParametersReply
+from jezero.schemas.health import ServiceHealth
 from jezero.schemas.preflight import GetPreflight, PreflightReply, PreflightReport
 from jezero.schemas.sensors import Altimeter, Barometer
 from jezero.schemas.state import Battery, Clock, StatusCode
-from jezero.schemas.topics import ALTIMETER, BARO, CHECK_PREFLIGHT, CLOCK, GET_PARAMETERS, MAG, STATUS
+from jezero.schemas.topics import ALTIMETER, BARO, CHECK_PREFLIGHT, CLOCK, GET_PARAMETERS, MAG, STATUS, health_of
 from jezero.services.preflight.checks import LANDING_CHAIN
 from jezero.services.preflight.service import Preflight
 from tests.services.preflight.healthy import PARAMETERS, mag, status
@@ -238,6 +239,44 @@ def test_a_service_is_lost_when_it_is_silent_in_two_rounds() -> None:
 def services(report: PreflightReport) -> str:
     """The text of the check of the services."""
     return next(check.text for check in report.checks if check.name == "services")
+
+
+def test_a_round_is_long_enough_to_hear_every_service_whenever_it_begins() -> None:
+    bench = Bench()
+    bench.bus.remove("estimator")
+    bench.bus.add(Idle("estimator"))
+    bench.bus.run_for(0.5)
+    bench.bus.add(Idle("recorder"))
+    for tenth in range(10):
+        bench.bus.run_for(0.1 * tenth)
+        bench.vehicle.epoch_id += 1  # so that nothing was heard before
+        report = bench.wait_report(4.0)
+        (storage,) = [check for check in report.checks if check.name == "storage"]
+        assert "no recorder runs" not in storage.text
+
+
+def test_a_sensor_that_sends_as_often_as_it_should_is_not_called_slow() -> None:
+    bench = Bench()
+    bench.bus.run_for(20.0)
+    report = bench.request()
+    assert "instead of" not in next(check.text for check in report.checks if check.name == "sensors")
+
+
+def test_the_health_names_the_failed_checks() -> None:
+    bench = Bench()
+    texts: list[str] = []
+    bench.bus.observe(
+        lambda t_ns, topic, data: (
+            texts.append(decode(ServiceHealth, data).text) if topic == health_of("preflight").name else None
+        )
+    )
+    bench.wait_report(3.0)
+    bench.bus.run_for(1.5)
+    assert texts[-1] == "no check has failed"
+    bench.vehicle.silent = True
+    assert failed(bench.request()) == ["sensors"]
+    bench.bus.run_for(1.5)
+    assert texts[-1] == "failed checks: sensors"
 
 
 def test_a_request_gets_a_round_of_its_own() -> None:
