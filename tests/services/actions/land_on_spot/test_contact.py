@@ -76,6 +76,16 @@ def test_a_slide_is_measured_anew_after_a_time_without_measurements() -> None:
     assert watcher.update(3 * NS_PER_S // 10, OnSurface((0.4, 0.0)), state_with()) == ""
 
 
+def test_a_vehicle_that_has_stood_for_a_while_and_then_begins_to_slide_goes_around_before_it_leaves_its_place() -> None:
+    """0.5 m/s outwards: 0.3 s later the vehicle would be 0.15 m farther on."""
+    watcher, t_ns, offset_m = ContactWatcher(ROOM_M, PlanetConfig()), 0, 0.1
+    watcher.begin(0, (0.0, 0.0))
+    while watcher.update(t_ns, OnSurface((offset_m, 0.0)), state_with()) != "slides":
+        t_ns += NS_PER_S // 50
+        offset_m += 0.01 if t_ns > 3 * NS_PER_S else 0.0
+        assert offset_m < ROOM_M
+
+
 def test_an_uncertain_offset_counts_as_much_nearer_to_the_middle() -> None:
     assert problem_of_slide(0.17, 0.25, 0.2) == "slides"
     assert problem_of_slide(0.17, 0.25, 0.2, std_m=0.1) == ""
@@ -180,16 +190,27 @@ def test_a_heaving_deck_holds_a_vehicle_that_does_not_sink_though_it_is_pushed_d
     assert not any(found[:180])
 
 
+def test_a_vehicle_that_a_falling_deck_has_carried_down_is_held_once_the_deck_falls_no_more() -> None:
+    """The deck falls by 1.5 m within 3 s; after that the vehicle must be pushed down for 4 s."""
+    uncertain = PlatformState((0.0, 0.0, -0.1), (0.0, 0.0, 0.4), (0.0, 0.0, 0.0), 0.0, std_height_m=0.3)
+    detector, held_s = TouchdownDetector(VehicleConfig()), []
+    for step in range(400):
+        t_s = 0.02 * step
+        if detector.update(step * 20_000_000, uncertain, None, deck_motion(), min(0.5 * t_s, 1.5)):
+            held_s.append(t_s)
+    assert held_s and 3.0 < held_s[0] < 7.1
+
+
 def test_a_vehicle_that_stood_tilted_in_the_wind_must_turn_upright_within_some_time() -> None:
     """The tilt of the wind, 20 degrees, counts less and less: with the same tilt it leans later than without wind."""
 
     def leans_after_s(free_down_ned: tuple[float, float]) -> float:
-        watcher, t_ns = ContactWatcher(ROOM_M, PlanetConfig()), 0
-        watcher.begin(0, free_down_ned)
-        while watcher.update(t_ns, CENTRED, state_with(rolled(30.0))) != "leans":
-            t_ns += NS_PER_S // 50
-            assert t_ns < 5 * NS_PER_S
-        return t_ns / NS_PER_S
+        watcher, begin_ns, passed_ns = ContactWatcher(ROOM_M, PlanetConfig()), 100 * NS_PER_S, 0
+        watcher.begin(begin_ns, free_down_ned)
+        while watcher.update(begin_ns + passed_ns, CENTRED, state_with(rolled(30.0))) != "leans":
+            passed_ns += NS_PER_S // 50
+            assert passed_ns < 5 * NS_PER_S
+        return passed_ns / NS_PER_S
 
     blown, calm = leans_after_s((0.0, -sin(radians(30.0)))), leans_after_s((0.0, 0.0))
     assert calm == pytest.approx(0.4, abs=0.03)

@@ -104,16 +104,28 @@ def tilted(angle_rad: float, *, sideways: bool) -> Quat:
         (0.0, 0.16, 0.0, 0.3, False),
         (0.0, 0.19, 0.24, 0.3, True),
         (0.0, 0.19, 0.26, 0.3, False),
+        (0.0, 0.19, -0.15, 0.3, True),
+        (0.0, 0.19, -0.25, 0.3, False),
         (0.0, 0.19, 0.0, 0.1, False),
         (0.25, 0.25, 0.0, 0.3, False),
         (-0.1, 0.19, 0.0, 0.3, True),
     ],
-    ids=["an edge", "level ground", "slow", "a gust while it descends", "for a moment", "the wind", "against the wind"],
+    ids=[
+        "an edge",
+        "level ground",
+        "slow",
+        "a gust while it descends",
+        "hardly rises",
+        "a gust while it rises",
+        "for a moment",
+        "the wind",
+        "against the wind",
+    ],
 )
 def test_a_tilt_counts_as_contact_above_ten_degrees_more_than_in_the_air_in_a_descent_that_has_stopped(
     free_rad: float, tilt_rad: float, down_mps: float, stalled_s: float, tilts: bool, sign: float, sideways: bool
 ) -> None:
-    """0.17 rad are permitted, half of the commanded 0.5 m/s, and 0.2 s."""
+    """0.17 rad are permitted, half of the commanded 0.5 m/s or 0.2 m/s upwards, and 0.2 s."""
     detector, t_ns, found = TiltContactDetector(), 0, []
     for q, vel_down_mps, duration_s in (
         (tilted(sign * free_rad, sideways=sideways), 0.5, 4.0),

@@ -15,6 +15,7 @@ from jezero.services.actions.land_on_spot.platform import (
     PlatformTracking,
     VerticalSpeed,
     deck_refusal,
+    platform_state_at,
 )
 from jezero.services.actions.motion.behaviour import VehicleState
 from tests.services.actions.land_on_spot.landing_rig import deck_motion
@@ -58,6 +59,44 @@ def test_the_lower_it_is_the_better_an_estimate_it_descends_by(height_m: float, 
     assert Descent(CONFIG, room_m=0.4).down_mps(S, over_platform(height_m, std_m=std_m)) == pytest.approx(down_mps)
 
 
+def an_estimate(
+    t_ns: int,
+    *,
+    pos_ned_m: Vec3,
+    vel_ned_mps: Vec3 = STILL,
+    std_m: float = 0.0,
+    valid: bool = True,
+    contradicted: bool = False,
+    fused_t_ns: int = 0,
+) -> Relative:
+    return Relative(
+        t_ns=t_ns,
+        epoch_id=1,
+        valid=valid,
+        reason="" if valid else "too uncertain",
+        contradicted=contradicted,
+        pos_uav_rel_rover_ned_m=pos_ned_m,
+        vel_uav_rel_rover_ned_mps=vel_ned_mps,
+        cov=(std_m**2 / 2.0, *(0.0,) * 5, std_m**2 / 2.0, *(0.0,) * 14),
+        vel_rover_ned_mps=STILL,
+        yaw_rover_rad=0.0,
+        yaw_rate_rover_rps=0.0,
+        use_uwb=True,
+        use_tag=True,
+        fused_t_ns=fused_t_ns,
+    )
+
+
+@pytest.mark.parametrize(("age_s", "moved_m"), [(0.0, 0.0), (0.2, 0.2), (2.0, 0.5), (-0.2, 0.0)])
+def test_an_old_estimate_is_carried_on_by_its_velocity_for_half_a_second_at_most(age_s: float, moved_m: float) -> None:
+    t_ns = 100 * S
+    relative = an_estimate(t_ns - int(age_s * S), pos_ned_m=(3.0, -2.0, -4.0), vel_ned_mps=(1.0, -1.0, 0.5))
+    state = platform_state_at(t_ns, relative, (0.1, 0.2, 0.0))
+    expected_m = (3.1 + moved_m, -1.8 - moved_m, -4.0 + 0.5 * moved_m)
+    assert state.pos_ned_m == pytest.approx(expected_m)
+    assert state.vel_ned_mps == (1.0, -1.0, 0.5)
+
+
 @pytest.mark.parametrize(
     ("pos_m", "std_m", "age_s", "contradicted", "comes_nearer"),
     [
@@ -74,20 +113,12 @@ def test_it_comes_nearer_by_an_invalid_estimate_only_if_that_is_good_for_its_dis
     pos_m: tuple[float, float], std_m: float, age_s: float, contradicted: bool, comes_nearer: bool
 ) -> None:
     t_ns = 100 * S
-    relative = Relative(
-        t_ns=t_ns,
-        epoch_id=1,
+    relative = an_estimate(
+        t_ns,
+        pos_ned_m=(*pos_m, -4.0),
+        std_m=std_m,
         valid=False,
-        reason="too uncertain",
         contradicted=contradicted,
-        pos_uav_rel_rover_ned_m=(*pos_m, -4.0),
-        vel_uav_rel_rover_ned_mps=STILL,
-        cov=(std_m**2 / 2.0, *(0.0,) * 5, std_m**2 / 2.0, *(0.0,) * 14),
-        vel_rover_ned_mps=STILL,
-        yaw_rover_rad=0.0,
-        yaw_rate_rover_rps=0.0,
-        use_uwb=True,
-        use_tag=True,
         fused_t_ns=t_ns - int(age_s * S),
     )
     state = VehicleState((0.0, 0.0, -5.0), STILL, (1.0, 0.0, 0.0, 0.0), armed=True, landed=False, relative=relative)

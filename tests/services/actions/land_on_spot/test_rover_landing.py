@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from jezero.base.frames import Vec3, add, altitude_m, quat_from_euler, subtract
-from jezero.schemas.goals import LandPhase
+from jezero.schemas.goals import LandPhase, LandResult
 from jezero.services.actions.land_on_spot.config import SearchConfig
 from jezero.services.actions.land_on_spot.contact import foot_drop_m
 from jezero.services.actions.land_on_spot.platform import (
@@ -18,7 +18,7 @@ from jezero.services.actions.land_on_spot.rover_landing import (
     Search,
     rover_landing_remaining,
 )
-from jezero.services.actions.motion.behaviour import Done, Move
+from jezero.services.actions.motion.behaviour import Done, Move, path_of, remaining_of
 from tests.services.actions.land_on_spot.landing_rig import (
     BOTH,
     CONFIG,
@@ -235,6 +235,7 @@ def contact_begin_s(landing: Landing) -> float:
 def is_given_up(landing: Landing) -> bool:
     done = landing.run(60.0)
     assert done is not None and "contact" in landing.phases
+    assert landing.t_s - contact_begin_s(landing) == pytest.approx(10.0, abs=0.5)
     return done.outcome == "aborted" and done.then == "hover" and "doesn't detect the ground" in done.reason
 
 
@@ -413,6 +414,18 @@ def test_the_path_leads_from_the_vehicle_to_above_the_platform_and_down_to_it() 
     assert above[:2] == platform[:2] and platform[2] - above[2] > 1.0
 
 
+def test_the_path_is_empty_while_nobody_knows_where_the_rover_is() -> None:
+    landing = Landing(BOTH, sees=lambda t_s, offset_m: False)
+    assert path_of(landing.behaviour, landing.state()) == ()
+    assert remaining_of(landing.behaviour, landing.state()) is None
+
+
+def test_a_landing_has_its_touchdown_in_its_result_only_when_it_has_succeeded() -> None:
+    behaviour = Landing(BOTH).behaviour
+    assert behaviour.result(True, (1.0, 2.0, -0.5)) == LandResult(completed=True, touchdown_ned_m=(1.0, 2.0, -0.5))
+    assert behaviour.result(False, (1.0, 2.0, -0.5)) == LandResult(completed=False, touchdown_ned_m=None)
+
+
 def test_a_vehicle_that_the_wind_tilts_touches_with_its_lowest_foot() -> None:
     """Tilted by 8 degrees the foot on the low side is 3 cm and more below those of a level vehicle."""
 
@@ -506,10 +519,14 @@ def test_a_vehicle_that_bounces_off_the_platform_descends_again() -> None:
         assert landing.moves[-1][2].feedback.phase == phase
 
 
-@pytest.mark.parametrize(("beside_m", "climbs"), [(0.75, False), (0.85, True)])
-def test_beside_the_platform_and_low_it_climbs_before_it_comes_near(beside_m: float, climbs: bool) -> None:
+@pytest.mark.parametrize(
+    ("beside_m", "height_m", "climbs"), [(0.75, 0.8, False), (0.85, 0.8, True), (0.85, 1.2, False)]
+)
+def test_beside_the_platform_and_lower_than_a_metre_it_climbs_before_it_comes_near(
+    beside_m: float, height_m: float, climbs: bool
+) -> None:
     """The platform reaches 0.5 m from its middle, and 0.3 m are permitted."""
-    landing = Landing(BOTH, add(DECK_NED_M, (0.0, beside_m, -0.8)))
+    landing = Landing(BOTH, add(DECK_NED_M, (0.0, beside_m, -height_m)))
     landing.run(0.2)
     move = next(move for _, _, move in landing.moves if move.vel_ned_mps is not None)
     assert move.vel_ned_mps is not None
