@@ -414,6 +414,12 @@ def test_the_path_leads_from_the_vehicle_to_above_the_platform_and_down_to_it() 
     assert above[:2] == platform[:2] and platform[2] - above[2] > 1.0
 
 
+def test_the_path_leads_to_the_place_of_the_goal_until_the_platform_is_seen() -> None:
+    landing = Landing(TAG, sees=lambda t_s, offset_m: False)
+    spot_ned_m, above_ned_m = TAG.landing_spot_ned_m, (3.0, -4.0, -3.0)
+    assert path_of(landing.behaviour, landing.state()) == (landing.pos_m, above_ned_m, spot_ned_m)
+
+
 def test_the_path_is_empty_while_nobody_knows_where_the_rover_is() -> None:
     landing = Landing(BOTH, sees=lambda t_s, offset_m: False)
     assert path_of(landing.behaviour, landing.state()) == ()
@@ -517,6 +523,88 @@ def test_a_vehicle_that_bounces_off_the_platform_descends_again() -> None:
         landing.run(DT_S)
         landing.run(DT_S)
         assert landing.moves[-1][2].feedback.phase == phase
+
+
+@pytest.mark.parametrize("altimeter", [True, False])
+@pytest.mark.parametrize(
+    ("start_ned_m", "fastest_mps"),
+    [((-5.0, -3.0, -12.0), 1.2), ((2.0, -3.0, -1.7), -1.0), ((-5.0, -3.0, -4.0), 0.4)],
+    ids=["from high up", "from below", "from half a metre above"],
+)
+def test_the_approach_comes_to_its_height_of_three_metres_by_the_rest_and_within_its_limits(
+    start_ned_m: Vec3, fastest_mps: float, altimeter: bool
+) -> None:
+    landing = Landing(BOTH, start_ned_m)
+    while "descent" not in landing.phases:
+        landing.range_m = altitude_m(landing.offset_m[2]) if altimeter else None
+        assert landing.run(DT_S) is None
+    down_mps = [move.vel_ned_mps[2] for _, _, move in landing.moves[:-1] if move.vel_ned_mps is not None]
+    assert max(down_mps, key=abs) == pytest.approx(fastest_mps, rel=0.1)
+    assert all(-1.0 <= vel_mps <= 1.2 for vel_mps in down_mps)
+    assert altitude_m(landing.offset_m[2]) == pytest.approx(3.0, abs=0.6)
+
+
+def test_over_the_platform_each_move_has_the_platform_as_its_target_so_that_a_runaway_is_noticed() -> None:
+    landing = Landing(BOTH, speed_mps=0.5, sees=lambda t_s, offset_m: not 5.0 < t_s < 7.0)
+    deck_ned_m: list[Vec3] = []
+    while landing.run(DT_S) is None:
+        deck_ned_m.append(subtract(landing.moves[-1][2].feedback.pos_uav_ned_m, landing.moves[-1][1]))
+    led = [
+        (move.target_ned_m, deck_m)
+        for (_, _, move), deck_m in zip(landing.moves, deck_ned_m, strict=True)
+        if move.feedback.phase in ("approach", "descent", "hold") and move.vel_ned_mps is not None
+    ]
+    assert len(led) > 300
+    for target_ned_m, deck_m in led:
+        assert target_ned_m is not None and target_ned_m[:2] == pytest.approx(deck_m[:2], abs=0.2)
+
+
+def test_a_contradiction_holds_the_vehicle_where_it_was_then() -> None:
+    landing = Landing(BOTH, (-5.0, -3.0, -6.0))
+    assert landing.run(3.0) is None
+    landing.contradicted = "UWB and tag contradict each other"
+    before_m = landing.pos_m
+    assert landing.run(1.0) is None
+    move = landing.moves[-1][2]
+    assert move.feedback.phase == "hold"
+    assert move.pos_ned_m == pytest.approx(before_m, abs=0.1)
+
+
+def test_the_vertical_speed_of_a_deck_and_its_acceleration_are_followed() -> None:
+    landing = Landing(BOTH, (2.0, -3.0, -3.5))
+    landing.vel_rover_error_mps = (0.0, 0.0, 0.2)
+    landing.deck = deck_motion(acc_down_mps2=0.3)
+    landing.run(0.3)
+    move = landing.moves[-1][2]
+    assert move.vel_ned_mps is not None and move.acc_ned_mps2 is not None
+    assert move.vel_ned_mps[2] == pytest.approx(0.2, abs=0.03)
+    assert move.acc_ned_mps2[2] == pytest.approx(0.3)
+
+
+def test_in_contact_the_vehicle_pushes_against_a_deck_that_moves_with_half_a_metre_per_second() -> None:
+    landing = Landing(BOTH)
+    landing.grounded = False
+    while "contact" not in landing.phases:
+        assert landing.run(DT_S) is None
+    landing.vel_rover_error_mps = (0.0, 0.1, -0.2)
+    landing.deck = deck_motion(acc_down_mps2=0.3)
+    landing.run(0.2)
+    move = landing.moves[-1][2]
+    assert move.vel_ned_mps == pytest.approx((0.0, 0.1, 0.3))
+    assert move.acc_ned_mps2 == pytest.approx((0.0, 0.0, 5.3))
+
+
+@pytest.mark.parametrize(("height_m", "at_once"), [(0.5, True), (0.75, False)])
+def test_close_to_the_platform_a_descent_stops_at_once_and_gradually_higher_up(height_m: float, at_once: bool) -> None:
+    landing = Landing(BOTH)
+    while altitude_m(landing.offset_m[2]) > height_m:
+        assert landing.run(DT_S) is None
+    landing.std_at = lambda offset_m: 0.4
+    assert landing.run(DT_S) is None
+    vel_ned_mps = landing.moves[-1][2].vel_ned_mps
+    assert vel_ned_mps is not None
+    assert (vel_ned_mps[2] == 0.0) is at_once
+    assert vel_ned_mps[2] >= 0.0
 
 
 @pytest.mark.parametrize(
