@@ -235,6 +235,10 @@ def test_gusts_above_the_limit_are_none_of_its_business() -> None:
     assert wind_refusal((6.0, 6.0, 0.0), 5.0, WIND_MAX_MPS) == ""
 
 
+def test_only_the_horizontal_wind_is_compared_with_the_limit() -> None:
+    assert wind_refusal((6.0, 6.0, 30.0), None, WIND_MAX_MPS) == ""
+
+
 def test_an_unknown_wind_is_no_reason() -> None:
     assert wind_refusal(None, None, WIND_MAX_MPS) == ""
     assert not any(reasons((None, 6.0)))

@@ -18,7 +18,7 @@ from jezero.services.actions.land_on_spot.rover_landing import (
     Search,
     rover_landing_remaining,
 )
-from jezero.services.actions.motion.behaviour import Done, Move, path_of, remaining_of
+from jezero.services.actions.motion.behaviour import Done, Move, hold_of, path_of, remaining_of
 from tests.services.actions.land_on_spot.landing_rig import (
     BOTH,
     CONFIG,
@@ -156,6 +156,16 @@ def test_a_search_that_a_contradiction_has_interrupted_goes_on_as_a_search() -> 
     move = landing.moves[-1][2]
     assert move.vel_ned_mps is not None and hypot(*move.vel_ned_mps) > 0.5
     assert move.feedback.phase == "search"
+
+
+def test_a_search_for_a_rover_that_was_driving_moves_along_with_it() -> None:
+    landing = Landing(BOTH, speed_mps=0.5, sees=lambda t_s, offset_m: t_s < 6.0)
+    while "search" not in landing.phases:
+        assert landing.run(DT_S) is None
+    vel_ned_mps = landing.moves[-1][2].vel_ned_mps
+    assert vel_ned_mps is not None and vel_ned_mps[:2] == pytest.approx(landing.vel_deck_mps[:2], abs=0.2)
+    assert landing.run(4.0) is None
+    assert hypot(*landing.offset_m[:2]) < 2.5, "on the first hexagon, and not left behind by 2 m"
 
 
 def test_a_height_that_jumps_up_in_the_search_does_not_bring_it_down_fast() -> None:
@@ -488,6 +498,17 @@ def test_a_pause_hovers_over_the_rover_and_climbs_to_the_height_of_the_approach_
     assert (move.vel_ned_mps[2] < -0.1) is climbs
     assert move.feedback.phase == "approach"
     assert landing.run(40.0) == Done("succeeded", then="disarm")
+
+
+def test_each_pause_hovers_over_the_place_on_the_platform_where_the_vehicle_is_then() -> None:
+    landing = Landing(BOTH, (5.0, -3.0, -4.5))
+    assert landing.run(0.1) is None
+    for off_m in (0.0, 2.0):
+        landing.pos_m, landing.vel_mps = add(DECK_NED_M, (off_m, 0.0, -4.0)), STILL
+        landing.t_ns += S // 50
+        for _ in range(100):
+            move = hold_of(landing.behaviour, landing.t_ns, DT_S, landing.state())
+        assert isinstance(move, Move) and move.vel_ned_mps == pytest.approx(STILL, abs=0.02)
 
 
 def test_a_pause_without_a_measured_rover_hovers_where_it_is_and_ends_out_of_bounds() -> None:
