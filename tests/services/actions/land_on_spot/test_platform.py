@@ -254,9 +254,9 @@ def test_a_moment_is_calm_in_which_the_deck_will_be_slow_and_level_at_the_touchd
 
 
 def test_the_motion_of_a_deck_is_predicted_to_the_touchdown_and_for_a_second_at_most() -> None:
-    rolls_back = deck_motion(roll_rad=0.08, roll_rate_rps=-0.05)
-    calm = [CalmMoment(DeckConfig()).is_calm(0.02, rolls_back, 0.0, touchdown_s) for touchdown_s in (0.2, 1.0, 3.0)]
-    assert calm == [False, True, True], "0.07 rad, 0.03 rad, and not -0.07 rad"
+    rolls_back = deck_motion(roll_rad=0.08, roll_rate_rps=-0.1)
+    calm = [CalmMoment(DeckConfig()).is_calm(0.02, rolls_back, 0.0, touchdown_s) for touchdown_s in (0.1, 1.0, 3.0)]
+    assert calm == [False, True, True], "0.07 rad, -0.02 rad, and not -0.22 rad"
 
 
 def test_a_vehicle_that_waits_for_a_calm_moment_takes_a_worse_one_later() -> None:

@@ -405,6 +405,29 @@ def test_a_go_around_ends_a_metre_and_a_half_above_the_platform_also_when_that_i
     assert move.vel_ned_mps is not None and move.vel_ned_mps[2] <= 0.0
 
 
+def test_the_climb_of_a_go_around_leads_back_over_the_platform_while_that_is_in_sight_and_along_with_the_rover() -> (
+    None
+):
+    landing = Landing(BOTH, speed_mps=0.5)
+    landing.grounded = False
+    landing.offset_of_estimate_m = (0.0, 0.0, 0.4)
+    while "go_around" not in landing.phases:
+        assert landing.run(DT_S) is None
+    landing.offset_of_estimate_m = STILL
+    north_mps, east_mps, _ = landing.vel_deck_mps
+    landing.pos_m, landing.vel_mps = add(landing.deck_m, (0.3, -0.3, -0.8)), landing.vel_deck_mps
+    assert landing.run(0.2) is None
+    move = landing.moves[-1][2]
+    assert move.feedback.phase == "go_around" and move.vel_ned_mps is not None
+    assert move.vel_ned_mps[0] < north_mps - 0.2 and move.vel_ned_mps[1] > east_mps + 0.2
+    assert move.vel_ned_mps[2] < -1.0
+    landing.pos_m = add(landing.deck_m, (0.3, -0.3, -0.8))
+    landing.silent = True
+    assert landing.run(0.2) is None
+    move = landing.moves[-1][2]
+    assert move.vel_ned_mps == pytest.approx((north_mps, east_mps, -1.5), abs=0.05)
+
+
 def test_by_the_tag_alone_it_stays_so_high_on_its_way_that_the_tag_is_in_view() -> None:
     for goal, descends in ((TAG, False), (BOTH, True)):
         behaviour = Landing(goal).behaviour
