@@ -490,6 +490,16 @@ def test_the_rest_of_a_landing_that_uwb_does_not_reach_has_the_time_of_a_search(
     assert rests[1].time_s == pytest.approx(plain[1].time_s + 3.0 + beyond_m / 1.5)
 
 
+@pytest.mark.parametrize(("height_m", "down_s"), [(0.0, 0.0), (0.035, 0.1), (0.07, 0.2), (0.35, 1.0), (-0.2, 0.0)])
+def test_low_over_the_platform_the_rest_is_the_slow_way_down_and_the_end_of_the_motors(
+    height_m: float, down_s: float
+) -> None:
+    """The slowest descent is 0.35 m/s; the contact takes 0.4 s, and the motors stop 4 s later."""
+    rest = rover_landing_remaining((0.0, 0.0, -height_m), CONFIG.land_on_spot.rover)
+    assert rest.time_s == pytest.approx(down_s + 4.4)
+    assert rest.distance_m == max(height_m, 0.0)
+
+
 @pytest.mark.parametrize("start_ned_m", [(-5.0, -3.0, -8.0), (5.0, -3.0, -8.0), (4.0, -3.0, -2.5)])
 def test_the_rest_of_a_landing_is_about_the_time_that_it_takes(start_ned_m: Vec3) -> None:
     landing = Landing(BOTH, start_ned_m)
