@@ -196,12 +196,19 @@ def descending() -> PlainLanding:
 
 
 @pytest.mark.parametrize(
-    ("height_m", "way_m", "down_s"), [(5.0, 5.0, 3.5 / 0.7 + 1.5 / 0.3), (0.3, 0.3, 1.0), (-0.1, 0.0, 0.0)]
+    ("height_m", "way_m", "down_s"),
+    [
+        (5.0, 5.0, 3.5 / 0.7 + 1.5 / 0.3),
+        (0.3, 0.3, 1.0),
+        (-0.1, 0.0, 0.0),
+        (None, 4.0, 2.5 / 0.7 + 1.5 / 0.3),
+    ],
 )
 def test_what_remains_of_a_descent_is_the_way_down_and_the_time_until_the_motors_stop(
-    height_m: float, way_m: float, down_s: float
+    height_m: float | None, way_m: float, down_s: float
 ) -> None:
-    remaining = descending().remaining(at((0.0, 0.0, -5.0), height_m))
+    """By the altimeter, or by the altitude of 4 m where the altimeter measures nothing."""
+    remaining = descending().remaining(at((0.0, 0.0, -4.0), height_m))
     assert (remaining.distance_m, remaining.time_s) == pytest.approx((way_m, down_s + 4.0))
 
 

@@ -544,6 +544,22 @@ def test_each_pause_hovers_over_the_place_on_the_platform_where_the_vehicle_is_t
         assert isinstance(move, Move) and move.vel_ned_mps == pytest.approx(STILL, abs=0.02)
 
 
+@pytest.mark.parametrize(("phase", "driven_m"), [("hold", 10.0), ("search", 10.0 * 0.432)])
+def test_in_a_pause_a_rover_out_of_sight_is_supposed_to_drive_on_and_ever_slower_once_it_is_searched_for(
+    phase: str, driven_m: float
+) -> None:
+    """20 s at 0.5 m/s, or with a time constant of 10 s: a share of (1 - exp(-2)) / 2."""
+    landing = Landing(BOTH, speed_mps=0.5, sees=lambda t_s, offset_m: t_s < 6.0)
+    while phase not in landing.phases:
+        assert landing.run(DT_S) is None
+    landing.silent = True
+    _, _, from_ned_m = path_of(landing.behaviour, landing.state())
+    for _ in range(round(20.0 / DT_S)):
+        assert isinstance(hold_of(landing.behaviour, landing.t_ns, DT_S, landing.state()), Move)
+    _, _, to_ned_m = path_of(landing.behaviour, landing.state())
+    assert hypot(*subtract(to_ned_m, from_ned_m)) == pytest.approx(driven_m, rel=0.03)
+
+
 def test_a_pause_without_a_measured_rover_hovers_where_it_is_and_ends_out_of_bounds() -> None:
     landing = Landing(BOTH, sees=lambda t_s, offset_m: False)
     assert landing.run(1.0) is None
