@@ -405,9 +405,7 @@ def test_a_go_around_ends_a_metre_and_a_half_above_the_platform_also_when_that_i
     assert move.vel_ned_mps is not None and move.vel_ned_mps[2] <= 0.0
 
 
-def test_the_climb_of_a_go_around_leads_back_over_the_platform_while_that_is_in_sight_and_along_with_the_rover() -> (
-    None
-):
+def test_the_climb_of_a_go_around_leads_back_over_the_platform_or_along_with_a_rover_out_of_sight() -> None:
     landing = Landing(BOTH, speed_mps=0.5)
     landing.grounded = False
     landing.offset_of_estimate_m = (0.0, 0.0, 0.4)
@@ -554,8 +552,8 @@ def test_in_a_pause_a_rover_out_of_sight_is_supposed_to_drive_on_and_ever_slower
         assert landing.run(DT_S) is None
     landing.silent = True
     _, _, from_ned_m = path_of(landing.behaviour, landing.state())
-    for _ in range(round(20.0 / DT_S)):
-        assert isinstance(hold_of(landing.behaviour, landing.t_ns, DT_S, landing.state()), Move)
+    for _ in range(200):
+        assert isinstance(hold_of(landing.behaviour, landing.t_ns, 0.1, landing.state()), Move)
     _, _, to_ned_m = path_of(landing.behaviour, landing.state())
     assert hypot(*subtract(to_ned_m, from_ned_m)) == pytest.approx(driven_m, rel=0.03)
 
