@@ -5,7 +5,7 @@ from math import cos, degrees, radians, sin
 import msgspec
 import pytest
 
-from jezero.base.frames import Quat
+from jezero.base.frames import Quat, Vec3, quat_from_euler
 from jezero.base.vehicle_config import AirframeConfig, PlanetConfig, PlatformConfig, VehicleConfig
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.land_on_spot.contact import (
@@ -15,6 +15,7 @@ from jezero.services.actions.land_on_spot.contact import (
     TouchdownDetector,
     feet_from_uav_ned_m,
     foot_drop_m,
+    landing_outcome,
     level_acc_ned_mps2,
 )
 from jezero.services.actions.land_on_spot.platform import PlatformState
@@ -24,6 +25,7 @@ from tests.services.actions.land_on_spot.landing_rig import deck_motion
 ROOM_M = 0.3
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
 CENTRED = OnSurface((0.0, 0.0))
+STILL: Vec3 = (0.0, 0.0, 0.0)
 
 
 def rolled(angle_deg: float) -> Quat:
@@ -55,6 +57,7 @@ def problem_of_slide(begin_m: float, end_m: float, duration_s: float, std_m: flo
     [
         (0.12, 0.2, True),  # 0.2 m + 0.3 s · 0.4 m/s = 0.32 m, beyond 0.3 m
         (0.14, 0.2, False),  # 0.29 m
+        (0.34, 0.4, True),  # 0.3 m/s
         (0.38, 0.4, False),  # 0.1 m/s is noise of the estimate
         (0.5, 0.4, False),  # comes back
     ],
@@ -74,6 +77,16 @@ def test_a_slide_is_measured_anew_after_a_time_without_measurements() -> None:
     assert watcher.update(0, OnSurface((0.0, 0.0)), state_with()) == ""
     assert watcher.update(NS_PER_S // 10, None, state_with()) == ""
     assert watcher.update(3 * NS_PER_S // 10, OnSurface((0.4, 0.0)), state_with()) == ""
+
+
+def test_a_vehicle_that_has_stood_for_a_while_and_then_begins_to_slide_goes_around_before_it_leaves_its_place() -> None:
+    """0.5 m/s outwards: 0.3 s later the vehicle would be 0.15 m farther on."""
+    watcher, t_ns, offset_m = ContactWatcher(ROOM_M, PlanetConfig()), 0, 0.1
+    watcher.begin(0, (0.0, 0.0))
+    while watcher.update(t_ns, OnSurface((offset_m, 0.0)), state_with()) != "slides":
+        t_ns += NS_PER_S // 50
+        offset_m += 0.01 if t_ns > 3 * NS_PER_S else 0.0
+        assert offset_m < ROOM_M
 
 
 def test_an_uncertain_offset_counts_as_much_nearer_to_the_middle() -> None:
@@ -113,6 +126,27 @@ def test_the_thrust_goes_down_only_after_the_touchdown_and_the_tilt_against_the_
     assert east_mps2 == 0.0
 
 
+@pytest.mark.parametrize(("down_mps", "touched"), [(0.2, False), (0.1, True), (-0.3, True)])
+def test_a_pushed_vehicle_has_touched_down_once_it_hardly_sinks_and_its_thrust_stays_down_when_it_bounces(
+    down_mps: float, touched: bool
+) -> None:
+    watcher = ContactWatcher(ROOM_M, PlanetConfig())
+    watcher.begin(0, (0.0, 0.0))
+    assert (watcher.push_acc_ned_mps2(down_mps)[2] > 0.0) is touched
+    assert (watcher.push_acc_ned_mps2(0.5)[2] > 0.0) is touched
+    watcher.begin(NS_PER_S, (0.0, 0.0))
+    assert watcher.push_acc_ned_mps2(0.5) == (0.0, 0.0, 0.0), "the next contact is another one"
+
+
+def test_of_the_thrust_against_the_wind_four_fifths_are_cancelled_in_its_direction() -> None:
+    """A vehicle that hovers with a tilt is pulled sideways by its weight times the tangent of the tilt."""
+    north, east = 0.2, -0.3
+    pull_mps2 = 9.81 / (1.0 - north**2 - east**2) ** 0.5
+    assert level_acc_ned_mps2((north, east), PlanetConfig()) == pytest.approx(
+        (0.8 * pull_mps2 * north, 0.8 * pull_mps2 * east)
+    )
+
+
 def test_of_the_thrust_against_a_storm_no_more_is_cancelled_than_the_autopilot_surely_makes() -> None:
     """What is too much would tip the vehicle over downwind."""
     assert level_acc_ned_mps2((0.3, -0.4), PlanetConfig()) == pytest.approx((2.4, -3.2))
@@ -124,6 +158,15 @@ def test_a_rolled_vehicle_has_one_side_of_its_feet_lower() -> None:
     expected_m = right_m * sin(radians(10.0)) + airframe.height_stand_m * (cos(radians(10.0)) - 1.0)
     assert foot_drop_m(LEVEL, airframe) == pytest.approx(0.0)
     assert foot_drop_m(rolled(10.0), airframe) == pytest.approx(expected_m)
+
+
+def test_a_pitched_vehicle_has_its_front_or_its_rear_lower_and_one_that_is_rolled_too_a_corner() -> None:
+    airframe = AirframeConfig(height_stand_m=0.1, feet_frd_m=(0.2, 0.3))
+    for pitch_rad in (0.1, -0.1):
+        expected_m = 0.2 * sin(0.1) + 0.1 * (cos(0.1) - 1.0)
+        assert foot_drop_m(quat_from_euler(0.0, pitch_rad, 0.0), airframe) == pytest.approx(expected_m)
+        corner_m = 0.2 * sin(0.1) + cos(0.1) * (0.3 * sin(0.2) + 0.1 * cos(0.2)) - 0.1
+        assert foot_drop_m(quat_from_euler(0.2, pitch_rad, 1.0), airframe) == pytest.approx(corner_m)
 
 
 def test_a_landing_ends_after_the_last_go_around_and_names_the_slope_or_the_wind() -> None:
@@ -156,21 +199,50 @@ def test_a_vehicle_that_rests_beside_the_platform_has_not_touched_down_on_it(off
 
 
 @pytest.mark.parametrize(
-    ("sinks_mps", "height_m", "range_m", "held"),
+    ("height_m", "std_height_m", "vel_ned_mps", "range_m", "touched_down"),
     [
-        (0.0, 0.1, None, True),
-        (0.0, 0.4, None, False),
-        (0.0, 0.1, 0.5, False),
-        (0.5, 0.1, None, False),
+        (0.0, 0.04, STILL, None, True),
+        (0.0, 0.06, STILL, None, False),
+        (0.08, 0.0, STILL, None, True),
+        (0.12, 0.0, STILL, None, False),
+        (0.0, 0.0, (0.1, -0.1, 0.15), None, True),
+        (0.0, 0.0, (0.3, 0.0, 0.0), None, False),
+        (0.0, 0.0, (0.0, -0.3, 0.0), None, False),
+        (0.0, 0.0, (0.0, 0.0, 0.3), None, False),
+        (0.0, 0.0, (0.0, 0.0, -0.3), None, False),
+        (0.0, 0.0, STILL, 0.18, True),
+        (0.0, 0.0, STILL, 0.22, False),
     ],
-    ids=["held", "too high", "the altimeter sees a gap", "it sinks"],
+)
+def test_a_vehicle_has_touched_down_when_it_is_surely_low_and_at_rest_and_the_altimeter_does_not_contradict(
+    height_m: float, std_height_m: float, vel_ned_mps: Vec3, range_m: float | None, touched_down: bool
+) -> None:
+    """Two standard deviations above its height it must be below 0.1 m, and the altimeter measures at most 0.2 m."""
+    platform = PlatformState((0.0, 0.0, -height_m), vel_ned_mps, STILL, 0.0, std_height_m=std_height_m)
+    detector = TouchdownDetector(VehicleConfig())
+    assert not detector.update(0, platform, range_m)
+    assert not detector.update(28 * NS_PER_S // 10, platform, range_m)
+    assert detector.update(32 * NS_PER_S // 10, platform, range_m) is touched_down
+
+
+@pytest.mark.parametrize(
+    ("sinks_mps", "height_m", "off_m", "range_m", "held"),
+    [
+        (0.0, 0.1, 0.0, None, True),
+        (0.0, 0.4, 0.0, None, False),
+        (0.0, 0.1, 0.4, None, True),
+        (0.0, 0.1, 0.6, None, False),
+        (0.0, 0.1, 0.0, 0.5, False),
+        (0.5, 0.1, 0.0, None, False),
+    ],
+    ids=["held", "too high", "near the edge", "beside the platform", "the altimeter sees a gap", "it sinks"],
 )
 @pytest.mark.parametrize("below_takeoff_m", [0.0, 30.0, -30.0])
 def test_a_heaving_deck_holds_a_vehicle_that_does_not_sink_though_it_is_pushed_down(
-    below_takeoff_m: float, sinks_mps: float, height_m: float, range_m: float | None, held: bool
+    below_takeoff_m: float, sinks_mps: float, height_m: float, off_m: float, range_m: float | None, held: bool
 ) -> None:
     """Its height and speed over the platform are too uncertain, as by UWB close to the anchors."""
-    uncertain = PlatformState((0.0, 0.0, -height_m), (0.0, 0.0, 0.4), (0.0, 0.0, 0.0), 0.0, std_height_m=0.3)
+    uncertain = PlatformState((0.0, -off_m, -height_m), (0.0, 0.0, 0.4), STILL, 0.0, std_height_m=0.3)
     detector, found = TouchdownDetector(VehicleConfig()), []
     for step in range(300):
         t_s = 0.02 * step
@@ -180,20 +252,31 @@ def test_a_heaving_deck_holds_a_vehicle_that_does_not_sink_though_it_is_pushed_d
     assert not any(found[:180])
 
 
+def test_a_vehicle_that_a_falling_deck_has_carried_down_is_held_once_the_deck_falls_no_more() -> None:
+    """The deck falls by 1.5 m within 3 s; after that the vehicle must be pushed down for 4 s."""
+    uncertain = PlatformState((0.0, 0.0, -0.1), (0.0, 0.0, 0.4), (0.0, 0.0, 0.0), 0.0, std_height_m=0.3)
+    detector, held_s = TouchdownDetector(VehicleConfig()), []
+    for step in range(400):
+        t_s = 0.02 * step
+        if detector.update(step * 20_000_000, uncertain, None, deck_motion(), min(0.5 * t_s, 1.5)):
+            held_s.append(t_s)
+    assert held_s and 3.0 < held_s[0] < 7.1
+
+
 def test_a_vehicle_that_stood_tilted_in_the_wind_must_turn_upright_within_some_time() -> None:
     """The tilt of the wind, 20 degrees, counts less and less: with the same tilt it leans later than without wind."""
 
     def leans_after_s(free_down_ned: tuple[float, float]) -> float:
-        watcher, t_ns = ContactWatcher(ROOM_M, PlanetConfig()), 0
-        watcher.begin(0, free_down_ned)
-        while watcher.update(t_ns, CENTRED, state_with(rolled(30.0))) != "leans":
-            t_ns += NS_PER_S // 50
-            assert t_ns < 5 * NS_PER_S
-        return t_ns / NS_PER_S
+        watcher, begin_ns, passed_ns = ContactWatcher(ROOM_M, PlanetConfig()), 100 * NS_PER_S, 0
+        watcher.begin(begin_ns, free_down_ned)
+        while watcher.update(begin_ns + passed_ns, CENTRED, state_with(rolled(30.0))) != "leans":
+            passed_ns += NS_PER_S // 50
+            assert passed_ns < 5 * NS_PER_S
+        return passed_ns / NS_PER_S
 
     blown, calm = leans_after_s((0.0, -sin(radians(30.0)))), leans_after_s((0.0, 0.0))
     assert calm == pytest.approx(0.4, abs=0.03)
-    assert calm + 0.2 < blown < 2.0
+    assert calm + 0.2 < blown < 1.3
 
 
 @pytest.mark.parametrize("std_height_m", [0.0, 0.1])
@@ -206,6 +289,15 @@ def test_a_vehicle_is_below_the_surface_by_more_than_a_fifth_of_a_metre_and_two_
     watcher = ContactWatcher(ROOM_M, PlanetConfig())
     watcher.begin(0, (0.0, 0.0))
     assert (watcher.update(0, CENTRED, state_with(), platform) == "below") is below
+
+
+@pytest.mark.parametrize(("tilt_deg", "outcome"), [(0.0, "succeeded"), (25.0, "succeeded"), (35.0, "aborted")])
+def test_a_vehicle_that_is_tilted_by_more_than_thirty_degrees_on_the_ground_has_fallen_over(
+    tilt_deg: float, outcome: str
+) -> None:
+    done = landing_outcome(state_with(rolled(tilt_deg)))
+    assert (done.outcome, done.then) == (outcome, "disarm")
+    assert done.reason == ("" if outcome == "succeeded" else "the vehicle fell over: it is tilted by 35 degrees")
 
 
 def test_a_go_around_ends_after_four_seconds_where_the_height_is_unknown() -> None:

@@ -51,12 +51,13 @@ def test_an_estimate_that_its_inputs_contradict_is_not_followed_and_its_reason_e
         ((3.6, -3.6, 0.0), True),
         ((0.0, 4.9, 0.0), False),
         ((3.5, -3.5, 0.0), False),
+        ((0.0, 4.9, -1.5), False),
     ],
 )
 def test_a_rover_above_its_top_speed_in_any_direction_for_a_second_ends_the_landing(
     vel_rover_ned_mps: Vec3, ends: bool
 ) -> None:
-    """3.6 m/s on both axes are 5.09 m/s, 3.5 m/s are 4.95 m/s; the bound is 5 m/s."""
+    """3.6 m/s on both axes are 5.09 m/s, 3.5 m/s are 4.95 m/s; the bound is 5 m/s, and a heave does not count."""
     rig = Landing(BOTH)
     rig.vel_rover_error_mps = vel_rover_ned_mps
     watch = LandingWatch(RoverLandingConfig(), 0, rig.state())
@@ -233,6 +234,10 @@ def test_the_wind_is_named_as_far_as_it_is_known() -> None:
 
 def test_gusts_above_the_limit_are_none_of_its_business() -> None:
     assert wind_refusal((6.0, 6.0, 0.0), 5.0, WIND_MAX_MPS) == ""
+
+
+def test_only_the_horizontal_wind_is_compared_with_the_limit() -> None:
+    assert wind_refusal((6.0, 6.0, 30.0), None, WIND_MAX_MPS) == ""
 
 
 def test_an_unknown_wind_is_no_reason() -> None:

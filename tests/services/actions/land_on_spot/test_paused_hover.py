@@ -117,3 +117,13 @@ def test_a_vehicle_that_the_wind_pushes_off_its_hover_point_comes_back(vel_rover
     for _ in range(100):
         north_mps, _, _ = hover.velocity(0.02, (0.5, 0.0, -3.0), 3.0, vel_rover_ned_mps)
     assert north_mps < (0.0 if vel_rover_ned_mps is None else 1.0) - 0.2
+
+
+def test_a_climb_to_the_height_of_the_hover_begins_gently_and_is_not_faster_than_a_metre_per_second() -> None:
+    hover, climb_mps = PausedHover(10.0), [0.0]
+    for _ in range(100):
+        velocity = hover.velocity(0.02, (0.0, 0.0, -1.0), 1.0)
+        assert velocity[:2] == (0.0, 0.0)
+        climb_mps.append(-velocity[2])
+    assert 0.9 < climb_mps[-1] <= 1.0 + 1e-9
+    assert max(b - a for a, b in pairwise(climb_mps)) <= 1.0 * 0.02 + 1e-9

@@ -3,6 +3,7 @@
 import re
 
 import pytest
+from msgspec.structs import replace
 
 from jezero.base.frames import Vec3, quat_from_euler
 from jezero.schemas.estimate import Relative, RoverEstimate
@@ -15,6 +16,7 @@ from jezero.services.actions.land_on_spot.platform import (
     PlatformTracking,
     VerticalSpeed,
     deck_refusal,
+    platform_state_at,
 )
 from jezero.services.actions.motion.behaviour import VehicleState
 from tests.services.actions.land_on_spot.landing_rig import deck_motion
@@ -58,6 +60,74 @@ def test_the_lower_it_is_the_better_an_estimate_it_descends_by(height_m: float, 
     assert Descent(CONFIG, room_m=0.4).down_mps(S, over_platform(height_m, std_m=std_m)) == pytest.approx(down_mps)
 
 
+@pytest.mark.parametrize(("height_m", "down_mps"), [(0.3, 0.35), (0.8, 0.48), (2.2, 1.32), (2.9, 1.5)])
+def test_the_speed_of_the_descent_is_proportional_to_the_height_within_its_limits(
+    height_m: float, down_mps: float
+) -> None:
+    assert Descent(CONFIG, room_m=0.4).down_mps(S, over_platform(height_m)) == pytest.approx(down_mps)
+
+
+@pytest.mark.parametrize(("height_m", "begins"), [(2.0, True), (3.4, True), (3.6, False)])
+def test_a_descent_begins_half_a_metre_above_the_height_of_the_approach_at_most(height_m: float, begins: bool) -> None:
+    assert Descent(CONFIG, room_m=0.4).may_begin(over_platform(height_m)) is begins
+
+
+@pytest.mark.parametrize("north", [True, False])
+@pytest.mark.parametrize(("error_m", "begins"), [(0.16, True), (0.18, False)])
+def test_a_descent_begins_inside_its_cone(error_m: float, begins: bool, north: bool) -> None:
+    """2 m up the cone is 0.17 m wide."""
+    pos_ned_m = (error_m, 0.0, -2.0) if north else (0.0, -error_m, -2.0)
+    assert Descent(CONFIG, room_m=0.4).may_begin(PlatformState(pos_ned_m, STILL, STILL, 0.0)) is begins
+
+
+@pytest.mark.parametrize(
+    ("height_m", "error_m", "descends"), [(0.08, 0.3, True), (0.12, 0.3, False), (0.08, 0.45, False)]
+)
+def test_a_vehicle_that_is_about_to_touch_descends_outside_its_cone_too_if_the_platform_is_below_it(
+    height_m: float, error_m: float, descends: bool
+) -> None:
+    platform = PlatformState((0.0, error_m, -height_m), STILL, STILL, 0.0)
+    assert (Descent(CONFIG, room_m=0.4).down_mps(S, platform) > 0.0) is descends
+
+
+def an_estimate(
+    t_ns: int,
+    *,
+    pos_ned_m: Vec3,
+    vel_ned_mps: Vec3 = STILL,
+    std_m: float = 0.0,
+    valid: bool = True,
+    contradicted: bool = False,
+    fused_t_ns: int = 0,
+) -> Relative:
+    return Relative(
+        t_ns=t_ns,
+        epoch_id=1,
+        valid=valid,
+        reason="" if valid else "too uncertain",
+        contradicted=contradicted,
+        pos_uav_rel_rover_ned_m=pos_ned_m,
+        vel_uav_rel_rover_ned_mps=vel_ned_mps,
+        cov=(std_m**2 / 2.0, *(0.0,) * 5, std_m**2 / 2.0, *(0.0,) * 14),
+        vel_rover_ned_mps=STILL,
+        yaw_rover_rad=0.0,
+        yaw_rate_rover_rps=0.0,
+        use_uwb=True,
+        use_tag=True,
+        fused_t_ns=fused_t_ns,
+    )
+
+
+@pytest.mark.parametrize(("age_s", "moved_m"), [(0.0, 0.0), (0.2, 0.2), (2.0, 0.5), (-0.2, 0.0)])
+def test_an_old_estimate_is_carried_on_by_its_velocity_for_half_a_second_at_most(age_s: float, moved_m: float) -> None:
+    t_ns = 100 * S
+    relative = an_estimate(t_ns - int(age_s * S), pos_ned_m=(3.0, -2.0, -4.0), vel_ned_mps=(1.0, -1.0, 0.5))
+    state = platform_state_at(t_ns, relative, (0.1, 0.2, 0.0))
+    expected_m = (3.1 + moved_m, -1.8 - moved_m, -4.0 + 0.5 * moved_m)
+    assert state.pos_ned_m == pytest.approx(expected_m)
+    assert state.vel_ned_mps == (1.0, -1.0, 0.5)
+
+
 @pytest.mark.parametrize(
     ("pos_m", "std_m", "age_s", "contradicted", "comes_nearer"),
     [
@@ -74,20 +144,12 @@ def test_it_comes_nearer_by_an_invalid_estimate_only_if_that_is_good_for_its_dis
     pos_m: tuple[float, float], std_m: float, age_s: float, contradicted: bool, comes_nearer: bool
 ) -> None:
     t_ns = 100 * S
-    relative = Relative(
-        t_ns=t_ns,
-        epoch_id=1,
+    relative = an_estimate(
+        t_ns,
+        pos_ned_m=(*pos_m, -4.0),
+        std_m=std_m,
         valid=False,
-        reason="too uncertain",
         contradicted=contradicted,
-        pos_uav_rel_rover_ned_m=(*pos_m, -4.0),
-        vel_uav_rel_rover_ned_mps=STILL,
-        cov=(std_m**2 / 2.0, *(0.0,) * 5, std_m**2 / 2.0, *(0.0,) * 14),
-        vel_rover_ned_mps=STILL,
-        yaw_rover_rad=0.0,
-        yaw_rate_rover_rps=0.0,
-        use_uwb=True,
-        use_tag=True,
         fused_t_ns=t_ns - int(age_s * S),
     )
     state = VehicleState((0.0, 0.0, -5.0), STILL, (1.0, 0.0, 0.0, 0.0), armed=True, landed=False, relative=relative)
@@ -192,9 +254,9 @@ def test_a_moment_is_calm_in_which_the_deck_will_be_slow_and_level_at_the_touchd
 
 
 def test_the_motion_of_a_deck_is_predicted_to_the_touchdown_and_for_a_second_at_most() -> None:
-    rolls_back = deck_motion(roll_rad=0.08, roll_rate_rps=-0.05)
-    calm = [CalmMoment(DeckConfig()).is_calm(0.02, rolls_back, 0.0, touchdown_s) for touchdown_s in (0.2, 1.0, 3.0)]
-    assert calm == [False, True, True], "0.07 rad, 0.03 rad, and not -0.07 rad"
+    rolls_back = deck_motion(roll_rad=0.08, roll_rate_rps=-0.1)
+    calm = [CalmMoment(DeckConfig()).is_calm(0.02, rolls_back, 0.0, touchdown_s) for touchdown_s in (0.1, 1.0, 3.0)]
+    assert calm == [False, True, True], "0.07 rad, -0.02 rad, and not -0.22 rad"
 
 
 def test_a_vehicle_that_waits_for_a_calm_moment_takes_a_worse_one_later() -> None:
@@ -269,6 +331,62 @@ def test_the_cone_widens_while_the_vehicle_waits_and_narrows_while_it_descends()
         widths_m.append(descent.cone_m(inside))
     per_step_m = 0.09 * 0.1 / CONFIG.cone_widening_s
     assert widths_m == pytest.approx([0.09 + n * per_step_m for n in (0, 1, 2, 1, 0, 0)])
+
+
+def test_a_time_without_steps_as_in_a_pause_widens_the_cone_by_no_more_than_a_step() -> None:
+    descent, outside = Descent(CONFIG, room_m=0.4), PlatformState((0.3, 0.0, -1.0), STILL, STILL, 0.0)
+    for t_s in (0, 20):
+        descent.down_mps(t_s * S, outside)
+    assert descent.cone_m(outside) == pytest.approx(0.09 * (1.0 + 0.1 / CONFIG.cone_widening_s))
+
+
+def test_a_time_without_steps_low_over_the_platform_is_no_stop_of_the_descent() -> None:
+    descent, stopped = Descent(CONFIG, room_m=0.4), over_platform(0.2)
+    for t_s in (1.0, 1.02, 3.0):
+        descent.down_mps(int(t_s * S), stopped)
+        assert not descent.has_contact(int(t_s * S), stopped, 0.2, 0.35)
+
+
+def test_the_landing_aims_with_the_feet_which_the_tilt_against_the_wind_puts_beside_the_vehicle() -> None:
+    """0.2 rad nose up for long puts the feet 0.22 m · sin 0.2 = 4 cm ahead; the rover is where it is."""
+    tracking, nose_up = PlatformTracking(0, None, 0.5), quat_from_euler(0.0, 0.2, 0.0)
+    for step in range(1, 400):
+        t_ns = step * S // 50
+        relative = an_estimate(t_ns, pos_ned_m=(1.0, 2.0, -3.0), fused_t_ns=t_ns)
+        state = VehicleState((11.0, 22.0, -33.0), STILL, nose_up, armed=True, landed=False, relative=relative)
+        platform = tracking.update(t_ns, 0.02, state, searches=False)
+    assert platform is not None
+    assert platform.pos_ned_m == pytest.approx((1.044, 2.0, -3.0), abs=0.002)
+    assert tracking.pos_rover_ned_m == pytest.approx((10.0, 20.0, -30.0))
+
+
+@pytest.mark.parametrize(("searches", "left"), [(False, (1.0, 1.0)), (True, (0.3, 0.45))])
+def test_the_supposed_speed_of_a_rover_decays_within_ten_seconds_of_a_search(
+    searches: bool, left: tuple[float, float]
+) -> None:
+    tracking = PlatformTracking(0, (5.0, 1.0, -0.5), 0.5)
+    tracking.vel_rover_ned_mps = (0.6, -0.8, 0.0)
+    state = VehicleState((0.0, 0.0, -5.0), STILL, (1.0, 0.0, 0.0, 0.0), armed=True, landed=False)
+    for step in range(500):
+        tracking.update(step * S // 50, 0.02, state, searches=searches)
+    north_mps, east_mps, _ = tracking.vel_rover_ned_mps
+    assert left[0] <= (north_mps**2 + east_mps**2) ** 0.5 <= left[1]
+    assert east_mps / north_mps == pytest.approx(-0.8 / 0.6)
+
+
+def test_a_platform_out_of_sight_is_where_the_rover_would_have_driven_to() -> None:
+    """It drives north at 1 m/s for 2 s, and the vehicle stands still in the air."""
+    tracking, level = PlatformTracking(0, None, 0.5), (1.0, 0.0, 0.0, 0.0)
+    seen = replace(an_estimate(S, pos_ned_m=(0.0, 0.0, -3.0), fused_t_ns=S), vel_rover_ned_mps=(1.0, 0.0, 0.0))
+    state = VehicleState((0.0, 0.0, -5.0), STILL, level, armed=True, landed=False, relative=seen)
+    assert tracking.update(S, 0.02, state, searches=False) is not None
+    assert tracking.was_measured
+    for step in range(1, 101):
+        assert tracking.update(S + step * S // 50, 0.02, replace(state, relative=None), searches=False) is None
+    assert tracking.platform is not None
+    assert tracking.platform.pos_ned_m == pytest.approx((-2.0, 0.0, -3.0))
+    assert tracking.platform.vel_ned_mps == (-1.0, 0.0, 0.0)
+    assert tracking.loss_reason == "the estimator is silent"
 
 
 def test_the_feet_of_a_vehicle_that_tilts_against_the_wind_are_downwind_after_a_second() -> None:

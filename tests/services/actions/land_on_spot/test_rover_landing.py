@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from jezero.base.frames import Vec3, add, altitude_m, quat_from_euler, subtract
-from jezero.schemas.goals import LandPhase
+from jezero.schemas.goals import LandPhase, LandResult
 from jezero.services.actions.land_on_spot.config import SearchConfig
 from jezero.services.actions.land_on_spot.contact import foot_drop_m
 from jezero.services.actions.land_on_spot.platform import (
@@ -18,7 +18,7 @@ from jezero.services.actions.land_on_spot.rover_landing import (
     Search,
     rover_landing_remaining,
 )
-from jezero.services.actions.motion.behaviour import Done, Move
+from jezero.services.actions.motion.behaviour import Done, Move, hold_of, path_of, remaining_of
 from tests.services.actions.land_on_spot.landing_rig import (
     BOTH,
     CONFIG,
@@ -158,6 +158,16 @@ def test_a_search_that_a_contradiction_has_interrupted_goes_on_as_a_search() -> 
     assert move.feedback.phase == "search"
 
 
+def test_a_search_for_a_rover_that_was_driving_moves_along_with_it() -> None:
+    landing = Landing(BOTH, speed_mps=0.5, sees=lambda t_s, offset_m: t_s < 6.0)
+    while "search" not in landing.phases:
+        assert landing.run(DT_S) is None
+    vel_ned_mps = landing.moves[-1][2].vel_ned_mps
+    assert vel_ned_mps is not None and vel_ned_mps[:2] == pytest.approx(landing.vel_deck_mps[:2], abs=0.2)
+    assert landing.run(4.0) is None
+    assert hypot(*landing.offset_m[:2]) < 2.5, "on the first hexagon, and not left behind by 2 m"
+
+
 def test_a_height_that_jumps_up_in_the_search_does_not_bring_it_down_fast() -> None:
     landing = Landing(BOTH, sees=lambda t_s, offset_m: t_s < 6.0)
     assert landing.run(14.0) is None
@@ -235,6 +245,7 @@ def contact_begin_s(landing: Landing) -> float:
 def is_given_up(landing: Landing) -> bool:
     done = landing.run(60.0)
     assert done is not None and "contact" in landing.phases
+    assert landing.t_s - contact_begin_s(landing) == pytest.approx(10.0, abs=0.5)
     return done.outcome == "aborted" and done.then == "hover" and "doesn't detect the ground" in done.reason
 
 
@@ -394,6 +405,27 @@ def test_a_go_around_ends_a_metre_and_a_half_above_the_platform_also_when_that_i
     assert move.vel_ned_mps is not None and move.vel_ned_mps[2] <= 0.0
 
 
+def test_the_climb_of_a_go_around_leads_back_over_the_platform_or_along_with_a_rover_out_of_sight() -> None:
+    landing = Landing(BOTH, speed_mps=0.5)
+    landing.grounded = False
+    landing.offset_of_estimate_m = (0.0, 0.0, 0.4)
+    while "go_around" not in landing.phases:
+        assert landing.run(DT_S) is None
+    landing.offset_of_estimate_m = STILL
+    north_mps, east_mps, _ = landing.vel_deck_mps
+    landing.pos_m, landing.vel_mps = add(landing.deck_m, (0.3, -0.3, -0.8)), landing.vel_deck_mps
+    assert landing.run(0.2) is None
+    move = landing.moves[-1][2]
+    assert move.feedback.phase == "go_around" and move.vel_ned_mps is not None
+    assert move.vel_ned_mps[0] < north_mps - 0.2 and move.vel_ned_mps[1] > east_mps + 0.2
+    assert move.vel_ned_mps[2] < -1.0
+    landing.pos_m = add(landing.deck_m, (0.3, -0.3, -0.8))
+    landing.silent = True
+    assert landing.run(0.2) is None
+    move = landing.moves[-1][2]
+    assert move.vel_ned_mps == pytest.approx((north_mps, east_mps, -1.5), abs=0.05)
+
+
 def test_by_the_tag_alone_it_stays_so_high_on_its_way_that_the_tag_is_in_view() -> None:
     for goal, descends in ((TAG, False), (BOTH, True)):
         behaviour = Landing(goal).behaviour
@@ -411,6 +443,24 @@ def test_the_path_leads_from_the_vehicle_to_above_the_platform_and_down_to_it() 
     assert here == landing.pos_m
     assert platform == pytest.approx(DECK_NED_M, abs=0.05)
     assert above[:2] == platform[:2] and platform[2] - above[2] > 1.0
+
+
+def test_the_path_leads_to_the_place_of_the_goal_until_the_platform_is_seen() -> None:
+    landing = Landing(TAG, sees=lambda t_s, offset_m: False)
+    spot_ned_m, above_ned_m = TAG.landing_spot_ned_m, (3.0, -4.0, -3.0)
+    assert path_of(landing.behaviour, landing.state()) == (landing.pos_m, above_ned_m, spot_ned_m)
+
+
+def test_the_path_is_empty_while_nobody_knows_where_the_rover_is() -> None:
+    landing = Landing(BOTH, sees=lambda t_s, offset_m: False)
+    assert path_of(landing.behaviour, landing.state()) == ()
+    assert remaining_of(landing.behaviour, landing.state()) is None
+
+
+def test_a_landing_has_its_touchdown_in_its_result_only_when_it_has_succeeded() -> None:
+    behaviour = Landing(BOTH).behaviour
+    assert behaviour.result(True, (1.0, 2.0, -0.5)) == LandResult(completed=True, touchdown_ned_m=(1.0, 2.0, -0.5))
+    assert behaviour.result(False, (1.0, 2.0, -0.5)) == LandResult(completed=False, touchdown_ned_m=None)
 
 
 def test_a_vehicle_that_the_wind_tilts_touches_with_its_lowest_foot() -> None:
@@ -436,6 +486,16 @@ def test_the_rest_of_a_landing_that_uwb_does_not_reach_has_the_time_of_a_search(
     assert rests[0].time_s == pytest.approx(plain[0].time_s)
     beyond_m = hypot(40.0, 6.0) - CONFIG.vehicle.uwb.range_max_m
     assert rests[1].time_s == pytest.approx(plain[1].time_s + 3.0 + beyond_m / 1.5)
+
+
+@pytest.mark.parametrize(("height_m", "down_s"), [(0.0, 0.0), (0.035, 0.1), (0.07, 0.2), (0.35, 1.0), (-0.2, 0.0)])
+def test_low_over_the_platform_the_rest_is_the_slow_way_down_and_the_end_of_the_motors(
+    height_m: float, down_s: float
+) -> None:
+    """The slowest descent is 0.35 m/s; the contact takes 0.4 s, and the motors stop 4 s later."""
+    rest = rover_landing_remaining((0.0, 0.0, -height_m), CONFIG.land_on_spot.rover)
+    assert rest.time_s == pytest.approx(down_s + 4.4)
+    assert rest.distance_m == max(height_m, 0.0)
 
 
 @pytest.mark.parametrize("start_ned_m", [(-5.0, -3.0, -8.0), (5.0, -3.0, -8.0), (4.0, -3.0, -2.5)])
@@ -469,6 +529,33 @@ def test_a_pause_hovers_over_the_rover_and_climbs_to_the_height_of_the_approach_
     assert (move.vel_ned_mps[2] < -0.1) is climbs
     assert move.feedback.phase == "approach"
     assert landing.run(40.0) == Done("succeeded", then="disarm")
+
+
+def test_each_pause_hovers_over_the_place_on_the_platform_where_the_vehicle_is_then() -> None:
+    landing = Landing(BOTH, (5.0, -3.0, -4.5))
+    assert landing.run(0.1) is None
+    for off_m in (0.0, 2.0):
+        landing.pos_m, landing.vel_mps = add(DECK_NED_M, (off_m, 0.0, -4.0)), STILL
+        landing.t_ns += S // 50
+        for _ in range(100):
+            move = hold_of(landing.behaviour, landing.t_ns, DT_S, landing.state())
+        assert isinstance(move, Move) and move.vel_ned_mps == pytest.approx(STILL, abs=0.02)
+
+
+@pytest.mark.parametrize(("phase", "driven_m"), [("hold", 10.0), ("search", 10.0 * 0.432)])
+def test_in_a_pause_a_rover_out_of_sight_is_supposed_to_drive_on_and_ever_slower_once_it_is_searched_for(
+    phase: str, driven_m: float
+) -> None:
+    """20 s at 0.5 m/s, or with a time constant of 10 s: a share of (1 - exp(-2)) / 2."""
+    landing = Landing(BOTH, speed_mps=0.5, sees=lambda t_s, offset_m: t_s < 6.0)
+    while phase not in landing.phases:
+        assert landing.run(DT_S) is None
+    landing.silent = True
+    _, _, from_ned_m = path_of(landing.behaviour, landing.state())
+    for _ in range(200):
+        assert isinstance(hold_of(landing.behaviour, landing.t_ns, 0.1, landing.state()), Move)
+    _, _, to_ned_m = path_of(landing.behaviour, landing.state())
+    assert hypot(*subtract(to_ned_m, from_ned_m)) == pytest.approx(driven_m, rel=0.03)
 
 
 def test_a_pause_without_a_measured_rover_hovers_where_it_is_and_ends_out_of_bounds() -> None:
@@ -506,10 +593,96 @@ def test_a_vehicle_that_bounces_off_the_platform_descends_again() -> None:
         assert landing.moves[-1][2].feedback.phase == phase
 
 
-@pytest.mark.parametrize(("beside_m", "climbs"), [(0.75, False), (0.85, True)])
-def test_beside_the_platform_and_low_it_climbs_before_it_comes_near(beside_m: float, climbs: bool) -> None:
+@pytest.mark.parametrize("altimeter", [True, False])
+@pytest.mark.parametrize(
+    ("start_ned_m", "fastest_mps"),
+    [((-5.0, -3.0, -12.0), 1.2), ((2.0, -3.0, -1.7), -1.0), ((-5.0, -3.0, -4.0), 0.4)],
+    ids=["from high up", "from below", "from half a metre above"],
+)
+def test_the_approach_comes_to_its_height_of_three_metres_by_the_rest_and_within_its_limits(
+    start_ned_m: Vec3, fastest_mps: float, altimeter: bool
+) -> None:
+    landing = Landing(BOTH, start_ned_m)
+    while "descent" not in landing.phases:
+        landing.range_m = altitude_m(landing.offset_m[2]) if altimeter else None
+        assert landing.run(DT_S) is None
+    down_mps = [move.vel_ned_mps[2] for _, _, move in landing.moves[:-1] if move.vel_ned_mps is not None]
+    assert max(down_mps, key=abs) == pytest.approx(fastest_mps, rel=0.1)
+    assert all(-1.0 <= vel_mps <= 1.2 for vel_mps in down_mps)
+    assert altitude_m(landing.offset_m[2]) == pytest.approx(3.0, abs=0.6)
+
+
+def test_over_the_platform_each_move_has_the_platform_as_its_target_so_that_a_runaway_is_noticed() -> None:
+    landing = Landing(BOTH, speed_mps=0.5, sees=lambda t_s, offset_m: not 5.0 < t_s < 7.0)
+    deck_ned_m: list[Vec3] = []
+    while landing.run(DT_S) is None:
+        deck_ned_m.append(subtract(landing.moves[-1][2].feedback.pos_uav_ned_m, landing.moves[-1][1]))
+    led = [
+        (move.target_ned_m, deck_m)
+        for (_, _, move), deck_m in zip(landing.moves, deck_ned_m, strict=True)
+        if move.feedback.phase in ("approach", "descent", "hold") and move.vel_ned_mps is not None
+    ]
+    assert len(led) > 300
+    for target_ned_m, deck_m in led:
+        assert target_ned_m is not None and target_ned_m[:2] == pytest.approx(deck_m[:2], abs=0.2)
+
+
+def test_a_contradiction_holds_the_vehicle_where_it_was_then() -> None:
+    landing = Landing(BOTH, (-5.0, -3.0, -6.0))
+    assert landing.run(3.0) is None
+    landing.contradicted = "UWB and tag contradict each other"
+    before_m = landing.pos_m
+    assert landing.run(1.0) is None
+    move = landing.moves[-1][2]
+    assert move.feedback.phase == "hold"
+    assert move.pos_ned_m == pytest.approx(before_m, abs=0.1)
+
+
+def test_the_vertical_speed_of_a_deck_and_its_acceleration_are_followed() -> None:
+    landing = Landing(BOTH, (2.0, -3.0, -3.5))
+    landing.vel_rover_error_mps = (0.0, 0.0, 0.2)
+    landing.deck = deck_motion(acc_down_mps2=0.3)
+    landing.run(0.3)
+    move = landing.moves[-1][2]
+    assert move.vel_ned_mps is not None and move.acc_ned_mps2 is not None
+    assert move.vel_ned_mps[2] == pytest.approx(0.2, abs=0.03)
+    assert move.acc_ned_mps2[2] == pytest.approx(0.3)
+
+
+def test_in_contact_the_vehicle_pushes_against_a_deck_that_moves_with_half_a_metre_per_second() -> None:
+    landing = Landing(BOTH)
+    landing.grounded = False
+    while "contact" not in landing.phases:
+        assert landing.run(DT_S) is None
+    landing.vel_rover_error_mps = (0.0, 0.1, -0.2)
+    landing.deck = deck_motion(acc_down_mps2=0.3)
+    landing.run(0.2)
+    move = landing.moves[-1][2]
+    assert move.vel_ned_mps == pytest.approx((0.0, 0.1, 0.3))
+    assert move.acc_ned_mps2 == pytest.approx((0.0, 0.0, 5.3))
+
+
+@pytest.mark.parametrize(("height_m", "at_once"), [(0.5, True), (0.75, False)])
+def test_close_to_the_platform_a_descent_stops_at_once_and_gradually_higher_up(height_m: float, at_once: bool) -> None:
+    landing = Landing(BOTH)
+    while altitude_m(landing.offset_m[2]) > height_m:
+        assert landing.run(DT_S) is None
+    landing.std_at = lambda offset_m: 0.4
+    assert landing.run(DT_S) is None
+    vel_ned_mps = landing.moves[-1][2].vel_ned_mps
+    assert vel_ned_mps is not None
+    assert (vel_ned_mps[2] == 0.0) is at_once
+    assert vel_ned_mps[2] >= 0.0
+
+
+@pytest.mark.parametrize(
+    ("beside_m", "height_m", "climbs"), [(0.75, 0.8, False), (0.85, 0.8, True), (0.85, 1.2, False)]
+)
+def test_beside_the_platform_and_lower_than_a_metre_it_climbs_before_it_comes_near(
+    beside_m: float, height_m: float, climbs: bool
+) -> None:
     """The platform reaches 0.5 m from its middle, and 0.3 m are permitted."""
-    landing = Landing(BOTH, add(DECK_NED_M, (0.0, beside_m, -0.8)))
+    landing = Landing(BOTH, add(DECK_NED_M, (0.0, beside_m, -height_m)))
     landing.run(0.2)
     move = next(move for _, _, move in landing.moves if move.vel_ned_mps is not None)
     assert move.vel_ned_mps is not None
