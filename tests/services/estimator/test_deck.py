@@ -99,6 +99,22 @@ def test_its_motion_is_told_as_two_standard_deviations_and_the_newest_tilt_with_
     assert DeckMonitor().motion(0.0) is None
 
 
+@pytest.mark.parametrize("tags", [True, False])
+def test_the_motion_of_a_deck_is_observed_only_while_something_measures_its_height(tags: bool) -> None:
+    """Else the filter's vertical speed of the deck is a guess, and a landing would wait for a calm that nobody sees."""
+    relative = RelativeFilter(Tuning(), ValidityConfig(), PlatformConfig(), deck_moves=True)
+    for ms in range(0, 1000, 20):
+        rel_m = np.array((0.1, 0.0, -4.0))
+        measurements: list[Measurement] = [
+            OdometryMeasurement(ms * MS, np.concatenate((POS_ROVER_M + rel_m, np.zeros(3)))),
+            RoverOdometryMeasurement(ms * MS, 0.0, 0.0, 0.0, 0.03, 0.03, 0.01, heaves=True),
+        ]
+        if tags:
+            measurements.append(TagMeasurement(ms * MS, rel_m, rel_m, 1e-4 * np.eye(3), 0.0, None, 1.0))
+        relative.add(measurements)
+    assert (relative.deck.motion(0.0) is not None) is tags
+
+
 def heaving_m(t_s: float) -> tuple[float, float]:
     """Height and vertical speed of a deck in two waves, positive down; the settings' period is a third one."""
     one_rps, other_rps = 2.0 * pi / 4.5, 2.0 * pi / 7.0

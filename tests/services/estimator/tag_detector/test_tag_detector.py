@@ -165,6 +165,20 @@ def test_foreign_tags_are_ignored_and_a_tag_that_contradicts_the_others_is_left_
     assert locate([], CORNERS_M, view_of(q), CONFIG) is None
 
 
+@pytest.mark.parametrize("wrong", range(4))
+def test_of_several_tags_the_one_that_contradicts_the_others_is_left_out_whichever_it_is(wrong: int) -> None:
+    q, pos_ned_m = quat_from_euler(0.0, 0.05, 0.0), (0.2, 0.1, -3.0)
+    rng, tags = np.random.default_rng(wrong), seen([BIG_ID, 1, 2, 3], pos_ned_m, q, 0.3)
+    for i, tag in enumerate(tags):
+        corners = [
+            (x + 20.0 * (i == wrong) + rng.normal(0.0, 0.3), y + rng.normal(0.0, 0.3)) for x, y in tag.corners_px
+        ]
+        tags[i] = CornersOfTag(tag_id=tag.tag_id, corners_px=(corners[0], corners[1], corners[2], corners[3]))
+    found = locate(tags, CORNERS_M, view_of(q), CONFIG)
+    assert found is not None
+    assert found[0] == tuple(tag.tag_id for i, tag in enumerate(tags) if i != wrong)
+
+
 def test_corners_above_the_horizon_or_in_one_point_give_no_pose() -> None:
     q = quat_from_euler(0.0, 0.0, 0.0)
     points_m = np.array(LANDING_BOARD[0].corners_rover_body_m)
