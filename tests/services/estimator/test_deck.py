@@ -160,9 +160,17 @@ def test_the_filter_follows_a_deck_that_heaves_and_nothing_contradicts_it(knows_
         estimate = relative.estimate
         assert estimate is not None and relative.consistency.left_out == ""
         if t_s > 8.0:
-            errors.append((estimate.pos_rel_m[2] - (hover_m - deck_m)[2], estimate.vel_rover_mps[2] - speed_mps))
-    std_m, std_mps = np.std(np.array(errors), axis=0)
+            acc_mps2 = (heaving_m(t_s + 0.01)[1] - heaving_m(t_s - 0.01)[1]) / 0.02
+            errors.append(
+                (
+                    estimate.pos_rel_m[2] - (hover_m - deck_m)[2],
+                    estimate.vel_rover_mps[2] - speed_mps,
+                    estimate.acc_down_rover_mps2 - acc_mps2,
+                )
+            )
+    std_m, std_mps, std_mps2 = np.std(np.array(errors), axis=0)
     assert std_m < 0.02
     assert std_mps < 0.1
+    assert std_mps2 < 0.2
     motion = relative.deck.motion(0.0)
     assert motion is not None and motion.climb_significant_mps == pytest.approx(0.42, abs=0.08)

@@ -86,8 +86,8 @@ def test_a_reading_differs_from_the_one_before_by_noise_and_by_what_a_rover_can_
 ) -> None:
     """Noise of 0.3 rad and 0.3 m/s, besides 2 rad/s and 3 m/s²."""
     check = RoverPlausibilityCheck()
-    assert check.is_plausible(reading(0))
-    assert check.is_plausible(reading(passed_ms, turned_rad, faster_mps)) is plausible
+    assert check.is_plausible(reading(60_000))
+    assert check.is_plausible(reading(60_000 + passed_ms, turned_rad, faster_mps)) is plausible
 
 
 @pytest.mark.parametrize(("speed_mps", "plausible"), [(5.9, True), (-5.9, True), (6.1, False), (-6.1, False)])

@@ -41,6 +41,8 @@ def test_a_release_by_another_goal_is_accepted_and_leaves_the_lease() -> None:
     release = Lease(goal_id="second", use_uwb=True, use_tag=True, release=True)
     assert selection.lease(BEGIN_NS, release).accepted
     assert selection.goal_id == "first"
+    assert selection.lease(BEGIN_NS, Lease(goal_id="first", use_uwb=True, use_tag=True, release=True)).accepted
+    assert selection.goal_id == ""
 
 
 def test_a_lease_without_an_input_is_refused_with_the_reason_and_changes_nothing() -> None:
