@@ -183,6 +183,9 @@ def test_corners_above_the_horizon_or_in_one_point_give_no_pose() -> None:
     q = quat_from_euler(0.0, 0.0, 0.0)
     points_m = np.array(LANDING_BOARD[0].corners_rover_body_m)
     assert solve(points_m, np.array(((1.0, 1.0), (9.0, 1.0), (9.0, 9.0), (1.0, 9.0))), view_of(q, 0.5)) is None
+    tags = seen([BIG_ID, 1], (0.2, 0.1, -3.0), q, 0.3)
+    assert locate(tags, CORNERS_M, view_of(q), CONFIG) is not None
+    assert locate(tags, CORNERS_M, view_of(q, 0.5), CONFIG) is None
     assert solve(points_m, np.full((4, 2), 100.0), view_of(q)) is None
     nearly_one_px = 100.0 + 3e-4 * np.array(((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)))
     assert solve(points_m, nearly_one_px, view_of(q)) is None
