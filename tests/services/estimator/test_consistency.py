@@ -286,6 +286,18 @@ def test_a_path_by_the_tags_that_is_turned_leaves_the_tags_out() -> None:
     assert monitor.uwb_left_out == monitor.speed_left_out == monitor.heading_turned == ""
 
 
+def test_while_the_rovers_speed_is_left_out_no_motion_judges_the_tags() -> None:
+    """The motion of vehicle and rover is not known without the rover's speed."""
+    monitor, kalman, window = ConsistencyMonitor(0.5), kalman_at(POS_UAV_M, 0.05), TurnedWindow(1.0)
+    monitor.speed_left_out = "the rover's speed is left out"
+    for ms in range(0, 5000, 50):
+        kalman.predict_to(ms * MS)
+        measured = circling(ms, 1.0, 2.0)
+        monitor.follow_motion(measured, kalman)
+        assert monitor.check_motion(measured, kalman, window) is None  # type: ignore[arg-type]
+        assert monitor.left_out == "the rover's speed is left out"
+
+
 @pytest.mark.parametrize(
     ("tags_turn_rad", "left_out"),
     [

@@ -59,6 +59,36 @@ def test_few_heights_and_those_of_a_moment_say_nothing(period_ms: int, count: in
     assert deck.moves is moves
 
 
+@pytest.mark.parametrize(
+    ("climb_mps", "std_m", "moves"),
+    [(0.08, 0.005, False), (0.15, 0.005, True), (0.15, 0.1, False), (0.6, 0.1, True), (0.6, 0.2, False)],
+)
+def test_a_deck_moves_that_climbs_faster_than_a_tenth_of_a_metre_per_second_and_than_its_heights_are_uncertain(
+    climb_mps: float, std_m: float, moves: bool
+) -> None:
+    """A standard deviation of 0.1 m of each of the 25 heights of a second is one of 0.07 m/s; heights of more than
+    0.15 m count for nothing."""
+    deck = DeckMonitor()
+    for step in range(50):
+        deck.add_height(step * 40 * MS, -climb_mps * 0.04 * step, std_m)
+    assert deck.moves is moves
+
+
+@pytest.mark.parametrize(
+    ("tilt_rad", "period_s", "moves"), [(0.015, 1.0, False), (0.03, 1.0, True), (0.03, 9.0, False)]
+)
+def test_a_deck_moves_whose_tilt_changes_by_more_than_a_degree_within_two_seconds(
+    tilt_rad: float, period_s: float, moves: bool
+) -> None:
+    """The tilt grows evenly by `tilt_rad` in `period_s`; a rover that drives onto a slope does so slowly."""
+    for tilts_roll in (True, False):
+        deck = DeckMonitor()
+        for step in range(51):
+            angle_rad = tilt_rad * min(step * 0.04 / period_s, 1.0)
+            deck.add_tilt(step * 40 * MS, angle_rad if tilts_roll else 0.1, -0.2 if tilts_roll else angle_rad)
+        assert deck.moves is moves
+
+
 def test_it_counts_as_still_again_some_time_after_the_last_sign() -> None:
     deck = watched(3.0, tilt_rad=0.03)
     for ms in range(3000, 3000 + STILL_AFTER_NS // MS, 40):

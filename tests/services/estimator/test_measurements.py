@@ -5,7 +5,7 @@ import pytest
 
 from jezero.base.arrays import Array
 from jezero.services.estimator.innovations import Innovation
-from jezero.services.estimator.kalman import FilterState, UpdateResult
+from jezero.services.estimator.kalman import FilterState, Kalman, UpdateResult
 from jezero.services.estimator.measurements import (
     AltimeterMeasurement,
     Measurement,
@@ -75,11 +75,15 @@ MEASUREMENTS: list[Measurement] = [
 ]
 
 
-def innovations_at(x: Array, measurement: Measurement) -> list[Innovation]:
-    """Innovations of a filter whose state is nearly certain, so that no update moves it."""
+def certain_at(x: Array) -> Kalman:
+    """A filter whose state is nearly certain, so that no update moves it."""
     kalman, root = kalman_at(POS_ROVER_M, 0.1), np.random.default_rng(1).normal(size=(SIZE, SIZE))
     kalman.restore(FilterState(0, x, 1e-9 * root @ root.T))
-    seen: list[Innovation] = []
+    return kalman
+
+
+def innovations_at(x: Array, measurement: Measurement) -> list[Innovation]:
+    kalman, seen = certain_at(x), list[Innovation]()
     kalman.observer = seen.append
     measurement.fuse(kalman, NO_GATE)
     return seen
@@ -220,6 +224,43 @@ def test_a_heading_of_the_rover_beyond_the_gate_is_rejected_and_moves_the_filter
     assert RoverOdometryMeasurement(0, 0.0, 1.0, 0.2, 0.03, 0.03, 0.01).fuse(kalman, GATE) == UpdateResult(0, 1)
     assert 0.001 < kalman.x[YAW] < 0.1
     assert kalman.x[YAW_RATE] == pytest.approx(0.2, abs=0.01)
+
+
+STRAIGHT_DOWN = np.array((0.0, 0.0, 1.0))
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("part", "used"), [(0.95, True), (1.05, False)], ids=["within", "beyond"])
+@pytest.mark.parametrize("sensor", ["rover_yaw", "rover_yaw_rate", "uwb", "altimeter", "tag", "tag_yaw"])
+def test_a_measurement_counts_up_to_the_root_of_the_gate_times_its_standard_deviation(
+    sensor: str, part: float, side: float, used: bool
+) -> None:
+    """The state is nearly certain, so an innovation has the standard deviation of the measurement: 0.02."""
+    x = np.zeros(SIZE)
+    x[0:3], x[6:9] = POS_ROVER_M + np.array((0.0, 0.0, -4.0)), POS_ROVER_M
+    off = {sensor: side * part * 0.02 * np.sqrt(GATE[1] if sensor == "tag" else GATE[0])}
+    ones = np.full(1, 1.0)
+    rel_m = np.array((0.0, 0.0, -4.0 + off.get("tag", 0.0)))
+    tag_std_m = np.sqrt(0.02**2 - 0.003**2)
+    made: dict[str, Measurement] = {
+        "rover": RoverOdometryMeasurement(
+            0,
+            0.0,
+            off.get("rover_yaw", 0.0),
+            off.get("rover_yaw_rate", 0.0),
+            0.02,
+            0.02,
+            0.02,
+        ),
+        "uwb": UwbMeasurement(0, np.zeros(3), np.zeros((1, 3)), 4.0 * ones + off.get("uwb", 0.0), 0.0 * ones, 0.02),
+        "altimeter": AltimeterMeasurement(0, 4.0 + off.get("altimeter", 0.0), np.zeros(3), STRAIGHT_DOWN, 0.5, 0.02),
+        "tag": TagMeasurement(0, rel_m, rel_m, tag_std_m**2 * np.eye(3), 0.0, off.get("tag_yaw", 0.0), 0.02),
+    }
+    kalman, seen = certain_at(x), list[Innovation]()
+    kalman.observer = seen.append
+    result = next(measurement for kind, measurement in made.items() if sensor.startswith(kind)).fuse(kalman, GATE)
+    assert [bool(each.accepted.all()) for each in seen if each.sensor == sensor] == [used]
+    assert (result.used == result.offered > 0) is (used or sensor == "tag_yaw")  # the position by the tag counts
 
 
 def test_positions_by_the_tags_are_as_uncertain_across_the_line_of_sight_as_the_attitude_of_one_picture() -> None:

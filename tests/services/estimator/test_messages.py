@@ -99,7 +99,7 @@ def test_an_altimeter_without_a_reading_and_a_round_without_ranges_are_nothing()
 def test_odometry_that_is_old_or_of_another_epoch_is_not_used() -> None:
     steps = Steps()
     steps.find_rover(200)
-    for odometry in (steps.odometry(200), steps.odometry(180), steps.odometry(220, epoch_id=2)):
+    for odometry in (steps.odometry(200), steps.odometry(190), steps.odometry(220, epoch_id=2)):
         steps.step(220, odometry)
         assert not sensors(steps)
     steps.step(220, steps.odometry(220))
@@ -320,6 +320,40 @@ def test_a_refused_position_of_the_rover_leaves_the_estimate() -> None:
     assert not steps.ask(1010, topics.SET_PARAMETERS, request).accepted
     steps.find_rover(1020, start_ms=1020, uwb=False, tag=False)
     assert steps.relative.valid
+
+
+def with_uwb_left_out() -> Steps:
+    """After 1.5 s in which all ranges are 1 m too long, while the tags are right."""
+    steps = Steps()
+    steps.find_rover(200)
+    for t_ms in range(250, 1750, 50):
+        steps.step(t_ms, steps.odometry(t_ms), steps.rover(t_ms), steps.tag(t_ms), steps.uwb(t_ms, longer_m=1.0))
+    return steps
+
+
+def test_an_input_that_is_left_out_degrades_the_health_until_another_goal_uses_it_again() -> None:
+    steps = with_uwb_left_out()
+    assert steps.relative.valid and "uwb" not in steps.relative.inputs
+    assert steps.health.state == "degraded"
+    assert steps.health.text.startswith("UWB is left out, as it contradicts the tag: check the order")
+    assert steps.ask(1760, topics.LEASE, Lease(goal_id="land-1", use_uwb=True, use_tag=True)).accepted
+    steps.find_rover(1820, start_ms=1780)
+    assert (steps.health.state, steps.health.text) == ("ok", "the rover is found")
+    assert "uwb" in steps.relative.inputs
+
+
+@pytest.mark.parametrize(("uwb", "contradicted"), [(True, True), (False, False)])
+def test_an_estimate_that_is_invalid_while_an_input_is_left_out_is_contradicted_where_that_input_is_selected(
+    uwb: bool, contradicted: bool
+) -> None:
+    """A better view of the rover helps only where no selected input contradicts the others."""
+    steps = with_uwb_left_out()
+    assert not steps.relative.contradicted
+    steps.ask(1760, topics.SET_PARAMETERS, SetParameters(use_uwb=uwb, pos_rover_ned_m=POS_ROVER_NED_M))
+    steps.step(1780, steps.odometry(1780), steps.rover(1780))
+    assert not steps.relative.valid
+    assert steps.relative.reason.startswith("UWB is left out, as it contradicts the tag: check the order")
+    assert steps.relative.contradicted is contradicted
 
 
 def test_a_new_epoch_ends_the_lease_and_drops_what_the_former_epoch_measured() -> None:
