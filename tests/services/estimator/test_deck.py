@@ -50,18 +50,20 @@ def test_a_height_that_jumps_is_not_that_of_a_deck() -> None:
         assert not deck.moves
 
 
-@pytest.mark.parametrize(("period_ms", "count", "moves"), [(40, 15, False), (400, 5, False), (40, 45, True)])
+@pytest.mark.parametrize(
+    ("period_ms", "count", "moves"), [(40, 15, False), (400, 5, False), (40, 45, True), (100, 20, True)]
+)
 def test_few_heights_and_those_of_a_moment_say_nothing(period_ms: int, count: int, moves: bool) -> None:
     """The measured height grows by half a metre per second in each case."""
     deck = DeckMonitor()
     for step in range(count):
-        deck.add_height(step * period_ms * MS, -0.5e-3 * step * period_ms, 0.02)
+        deck.add_height(100 * S + step * period_ms * MS, -0.5e-3 * step * period_ms, 0.02)
     assert deck.moves is moves
 
 
 @pytest.mark.parametrize(
     ("climb_mps", "std_m", "moves"),
-    [(0.08, 0.005, False), (0.15, 0.005, True), (0.15, 0.1, False), (0.6, 0.1, True), (0.6, 0.2, False)],
+    [(0.08, 0.005, False), (0.15, 0.005, True), (0.15, 0.1, False), (0.6, 0.1, True), (0.9, 0.2, False)],
 )
 def test_a_deck_moves_that_climbs_faster_than_a_tenth_of_a_metre_per_second_and_than_its_heights_are_uncertain(
     climb_mps: float, std_m: float, moves: bool
@@ -106,6 +108,31 @@ def test_a_new_epoch_whose_time_begins_anew_knows_nothing_of_the_last_one() -> N
     for step in range(100):
         deck.add_tilt(step * 40 * MS, 0.0, 0.0)
         assert not deck.moves
+
+
+def test_a_deck_that_moves_again_is_observed_from_then_on() -> None:
+    """What it did before the calm says nothing about the waves now."""
+    deck = DeckMonitor()
+    for step in range(840):
+        t_s = step / 25
+        calm = 10.0 < t_s < 32.0
+        deck.add_tilt(step * 40 * MS, 0.0 if calm else 0.03 * sin(2.0 * pi * t_s / 2.0), 0.0)
+        if not calm:
+            deck.add_motion(step * 40 * MS, 0.1, 0.1)
+        if step == 250:
+            motion = deck.motion(0.0)
+            assert motion is not None and motion.observed_s == pytest.approx(9.5, abs=0.5)
+    motion = deck.motion(0.0)
+    assert motion is not None and motion.observed_s == pytest.approx(1.0, abs=0.5)
+
+
+def test_the_motion_of_a_deck_is_known_from_few_measurements_per_second_too() -> None:
+    deck = watched(2.5, tilt_rad=0.05)
+    for ms in range(2500, 4500, 200):
+        deck.add_motion(ms * MS, 0.3, 0.1)
+    motion = deck.motion(0.0)
+    assert motion is not None
+    assert (motion.climb_significant_mps, motion.observed_s) == (pytest.approx(0.6), pytest.approx(1.8))
 
 
 def test_its_motion_is_told_as_two_standard_deviations_and_the_newest_tilt_with_its_rates() -> None:
