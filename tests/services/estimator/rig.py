@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from benchmarks.quality.estimator_flight import Arrival, Conditions, EstimatorFlight
-from jezero.base.frames import Vec3, add, norm, subtract
+from jezero.base.frames import Vec3, add, norm, scale, subtract
 from jezero.base.vehicle_config import VehicleConfig
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.runtime.node import Mailbox
@@ -111,14 +111,18 @@ class Rig:
 
 MS = 1_000_000
 REL_M: Vec3 = (0.8, -0.6, -4.0)
-"""Position of the vehicle of `Steps` minus that of the platform, in NED."""
+"""Beside the platform."""
 POS_ROVER_NED_M: Vec3 = (9.0, -3.5, -0.5)
 LEVEL: Vec3 = (0.0, 0.0, 0.0)
 
 
 class Steps:
-    """The estimator, step by step, with messages given by hand: a level vehicle with heading 0 over a rover that does
-    not turn. Positions and ranges have noise of 1 mm, as a sensor that repeats itself counts as frozen.
+    """The estimator, step by step, with messages given by hand: a level vehicle with heading 0 near a rover that
+    stands. Positions and ranges have noise of 1 mm, as a sensor that repeats itself counts as frozen.
+
+    Args:
+        rel_m: position of the vehicle minus that of the platform at time 0, in NED.
+        vel_mps: velocity of the vehicle in NED.
 
     Attributes:
         relatives: all that was published.
@@ -127,7 +131,15 @@ class Steps:
         innovations: those of the last step.
     """
 
-    def __init__(self, config: EstimatorConfig | None = None, *, clock: bool = True) -> None:
+    def __init__(
+        self,
+        config: EstimatorConfig | None = None,
+        *,
+        rel_m: Vec3 = REL_M,
+        vel_mps: Vec3 = LEVEL,
+        clock: bool = True,
+    ) -> None:
+        self._rel_m, self._vel_mps = rel_m, vel_mps
         self.vehicle = VehicleConfig()
         self.relatives: list[Relative] = []
         self.rovers: list[RoverEstimate] = []
@@ -181,12 +193,16 @@ class Steps:
 
     # -- messages ------------------------------------------------------------------------------------------
 
-    def odometry(self, t_ms: int, *, vel_mps: Vec3 = LEVEL, rates_rps: Vec3 = LEVEL, epoch_id: int = 1) -> Odometry:
+    def rel_m(self, t_ms: int) -> Vec3:
+        """Position of the vehicle minus that of the platform, in NED."""
+        return add(self._rel_m, scale(self._vel_mps, 1e-3 * t_ms))
+
+    def odometry(self, t_ms: int, *, rates_rps: Vec3 = LEVEL, epoch_id: int = 1) -> Odometry:
         return Odometry(
             t_ns=t_ms * MS,
             epoch_id=epoch_id,
-            pos_uav_ned_m=add(POS_ROVER_NED_M, REL_M),
-            vel_uav_ned_mps=vel_mps,
+            pos_uav_ned_m=add(POS_ROVER_NED_M, self.rel_m(t_ms)),
+            vel_uav_ned_mps=self._vel_mps,
             q_ned_from_frd=(1.0, 0.0, 0.0, 0.0),
             rates_uav_frd_rps=rates_rps,
         )
@@ -204,7 +220,7 @@ class Steps:
         return Altimeter(t_ns=t_ms * MS, range_m=range_m)
 
     def tag(self, t_ms: int, yaw_rad: float | None = None, std_yaw_rad: float | None = None) -> TagEstimate:
-        x, y, z = subtract(REL_M, (0.0, 0.0, self.vehicle.airframe.height_stand_m))
+        x, y, z = subtract(self.rel_m(t_ms), (0.0, 0.0, self.vehicle.airframe.height_stand_m))
         return TagEstimate(
             t_ns=t_ms * MS,
             tag_ids=(0,),
@@ -217,19 +233,20 @@ class Steps:
         )
 
     def uwb(self, t_ms: int, longer_m: float = 0.0) -> Uwb:
-        """A round of which each range is a millisecond older than the next."""
+        """A round of which each range is 10 ms older than the next."""
         lever_m = subtract(self.vehicle.uwb.pos_tag_frd_m, (0.0, 0.0, self.vehicle.airframe.height_stand_m))
-        antenna_m, places = add(REL_M, lever_m), self.vehicle.uwb.pos_anchors_rover_body_m
+        places = self.vehicle.uwb.pos_anchors_rover_body_m
+        times_ms = [t_ms - 10 * (len(places) - 1 - anchor) for anchor in range(len(places))]
         return Uwb(
             t_ns=t_ms * MS,
             ranges=tuple(
                 UwbRange(
-                    t_ns=(t_ms - len(places) + 1 + anchor) * MS,
+                    t_ns=time_ms * MS,
                     anchor=anchor,
                     pos_anchor_rover_body_m=place_m,
-                    range_m=norm(subtract(antenna_m, place_m)) + longer_m + self._noise_m(),
+                    range_m=norm(subtract(add(self.rel_m(time_ms), lever_m), place_m)) + longer_m + self._noise_m(),
                 )
-                for anchor, place_m in enumerate(places)
+                for anchor, (place_m, time_ms) in enumerate(zip(places, times_ms, strict=True))
             ),
         )
 

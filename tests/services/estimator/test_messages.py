@@ -116,6 +116,37 @@ def test_the_heading_by_the_tags_is_used_where_it_comes_with_its_standard_deviat
     steps.find_rover(200)
     steps.step(220, steps.tag(220, yaw_rad, std_yaw_rad))
     assert sensors(steps) == ({"tag", "tag_yaw"} if used else {"tag"})
+    noises = [float(i.cov_noise[0, 0]) for i in steps.innovations if i.sensor == "tag_yaw"]
+    assert noises == ([pytest.approx(0.02**2)] if used else [])
+
+
+@pytest.mark.parametrize(("ahead_m", "used"), [(0.1, True), (0.6, False), (-0.6, False)])
+def test_the_altimeter_is_used_over_the_platform_and_not_beside_it(ahead_m: float, used: bool) -> None:
+    """The platform is 1 m wide."""
+    steps = Steps(rel_m=(ahead_m, 0.0, -1.0))
+    steps.find_rover(300)
+    lens_m = 1.0 + steps.vehicle.airframe.height_stand_m - steps.vehicle.altimeter.pos_altimeter_frd_m[2]
+    steps.step(320, steps.odometry(320), steps.altimeter(320, lens_m))
+    residuals_m = [float(i.residual[0]) for i in steps.innovations if i.sensor == "altimeter"]
+    assert residuals_m == ([pytest.approx(0.0, abs=0.03)] if used else [])
+
+
+def test_each_range_of_a_round_counts_at_its_own_time() -> None:
+    """A vehicle with 5 m/s flies 15 cm during the round."""
+    steps = Steps(rel_m=(-4.0, 0.5, -3.0), vel_mps=(5.0, 0.0, 0.0))
+    steps.find_rover(600, start_ms=300, uwb=False)
+    steps.step(620, steps.odometry(620), steps.tag(620), steps.uwb(620))
+    (innovation,) = [i for i in steps.innovations if i.sensor == "uwb"]
+    assert innovation.residual == pytest.approx(innovation.residual.mean(), abs=0.02)
+
+
+def test_a_vehicle_that_rolls_makes_a_tag_of_an_uncertain_time_uncertain_to_the_side() -> None:
+    """At 0.5 rad/s and 4.1 m above the platform, 0.05 s are 10 cm."""
+    steps = Steps(EstimatorConfig(std_time_s=0.05))
+    steps.find_rover(200)
+    steps.step(220, steps.odometry(220, rates_rps=(0.5, 0.0, 0.0)), steps.tag(220))
+    (noise_m2,) = [i.cov_noise for i in steps.innovations if i.sensor == "tag"]
+    assert noise_m2[1, 1] - noise_m2[0, 0] == pytest.approx(0.1**2, rel=0.2)
 
 
 # -- what is published -------------------------------------------------------------------------------------
@@ -177,7 +208,7 @@ def test_the_rovers_position_is_that_of_its_time_when_its_own_odometry_is_newer_
     steps.find_rover(200)
     for t_ms in range(220, 420, 20):
         pos_m = add(add(POS_ROVER_NED_M, REL_M), (0.01 * (t_ms - 200), 0.0, 0.0))
-        odometry = replace(steps.odometry(t_ms, vel_mps=(10.0, 0.0, 0.0)), pos_uav_ned_m=pos_m)
+        odometry = replace(steps.odometry(t_ms), pos_uav_ned_m=pos_m, vel_uav_ned_mps=(10.0, 0.0, 0.0))
         steps.step(t_ms, odometry, steps.rover(t_ms + 40))
     rover = steps.rovers[-1]
     assert rover.t_ns == 440 * MS
