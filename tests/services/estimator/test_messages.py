@@ -407,3 +407,24 @@ def test_the_same_clock_again_changes_nothing() -> None:
     steps.step(210, Clock(t_ns=210 * MS, epoch_id=1, wall_ns=0))
     steps.find_rover(220, start_ms=220, uwb=False, tag=False)
     assert steps.relative.valid
+
+
+def test_a_tag_of_a_new_epoch_that_comes_before_the_odometry_of_this_epoch_is_not_used() -> None:
+    steps = Steps()
+    steps.find_rover(400)
+    steps.step(410, Clock(t_ns=410 * MS, epoch_id=2, wall_ns=0))
+    steps.step(510, steps.tag(420))
+    assert (steps.relative.valid, steps.relative.reason) == (False, "no odometry of the vehicle")
+    steps.step(530, steps.odometry(530, epoch_id=2))
+    assert steps.relative.reason == "the rover has not been found yet by UWB and tag; the rover's odometry is missing"
+
+
+@pytest.mark.parametrize(("silent_ms", "named"), [(800, True), (1200, False)])
+def test_an_input_is_named_for_a_second_after_its_last_fused_measurement(silent_ms: int, named: bool) -> None:
+    steps = Steps()
+    steps.find_rover(1500, start_ms=1300)
+    steps.find_rover(1700, start_ms=1520, tag=False)
+    t_ms = 1500 + silent_ms
+    steps.step(t_ms, steps.odometry(t_ms), steps.rover(t_ms), steps.uwb(t_ms))
+    assert steps.relative.inputs == ("odometry", "rover", "uwb", *(["tag"] if named else []))
+    assert steps.relative.fused_t_ns == (t_ms - 15) * MS  # the middle of the round
