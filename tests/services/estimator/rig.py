@@ -15,7 +15,7 @@ from jezero.runtime.node import Mailbox
 from jezero.runtime.service import Health, Inbox, Output, Publish, Reply, Request, Spec
 from jezero.schemas import topics
 from jezero.schemas.estimate import Lease, Relative, RoverEstimate, TagEstimate
-from jezero.schemas.rows import Endpoint
+from jezero.schemas.rows import Endpoint, Topic
 from jezero.schemas.sensors import Altimeter, RoverOdometry, Uwb, UwbRange
 from jezero.schemas.state import Clock, Odometry
 from jezero.schemas.struct import Message, Payload
@@ -159,7 +159,7 @@ class Steps:
 
     def step(self, t_ms: int, *messages: Message) -> None:
         """One step at a time, with new messages."""
-        rows = {row.type: row for row in SENSORS}
+        rows: dict[type[Message], Topic[Any]] = {row.type: row for row in SENSORS}
         for message in messages:
             self._inbox.add_message(rows[type(message)].name, message)
         self._step(t_ms)
