@@ -315,6 +315,16 @@ def test_an_attitude_is_turned_on_to_the_exposure_and_forgotten_with_its_epoch()
     assert attitudes.at(round(1.0 * NS_PER_S)) is None
 
 
+@pytest.mark.parametrize(
+    ("t_s", "roll_rad"), [(0.95, 0.1), (1.008, 0.1), (1.012, 0.2), (1.028, 0.2), (1.032, 0.3), (1.09, 0.3)]
+)
+def test_the_attitude_of_a_time_is_that_of_the_nearest_odometry(t_s: float, roll_rad: float) -> None:
+    attitudes = AttitudeHistory(0.06)
+    for i in range(3):
+        attitudes.add(odometry(1.0 + 0.02 * i, quat_from_euler(0.1 * (i + 1), 0.0, 0.0)))
+    assert attitudes.at(round(t_s * NS_PER_S)) == pytest.approx(quat_from_euler(roll_rad, 0.0, 0.0))
+
+
 class Feeder:
     """Publishes what it is given at its times."""
 
