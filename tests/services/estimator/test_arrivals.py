@@ -38,6 +38,11 @@ def test_an_input_with_a_clock_that_is_ahead_is_named() -> None:
     assert check.late_reason(NOW_NS, "the tag").startswith("measurements by the tag are stamped 0.50 s in the future")
 
 
+@pytest.mark.parametrize("t_ns", [0, NS_PER_S // 2, NOW_NS])
+def test_an_input_that_was_never_late_is_not_named(t_ns: int) -> None:
+    assert Arrivals(ValidityConfig()).late_reason(t_ns, "UWB") == ""
+
+
 def test_a_measurement_of_a_former_epoch_is_dropped_without_blame() -> None:
     check = Arrivals(ValidityConfig())
     check.since_ns = NOW_NS

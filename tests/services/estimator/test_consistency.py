@@ -107,6 +107,29 @@ def test_an_altimeter_that_measures_neither_platform_nor_ground_contradicts_the_
         assert "the estimate says 5.6 m above the platform, the altimeter 0.3 m" in monitor.height
 
 
+@pytest.mark.parametrize(("range_m", "contradicted"), [(7.5, False), (9.5, True)])
+def test_beside_a_high_platform_the_altimeter_may_measure_to_the_ground(range_m: float, contradicted: bool) -> None:
+    """The vehicle is 5.6 m above a platform that is 2 m high."""
+    monitor, kalman = ConsistencyMonitor(2.0), kalman_at(POS_UAV_M, 0.05)
+    for ms in (0, 1000):
+        beam = AltimeterMeasurement(ms * MS, range_m, LEVER_M, np.array((0.0, 0.0, 1.0)), 0.5, 0.03)
+        monitor.check_height(beam, kalman)
+    assert bool(monitor.height) is contradicted
+
+
+def test_a_height_is_contradicted_after_a_second_and_until_the_altimeter_agrees_again() -> None:
+    monitor, kalman = ConsistencyMonitor(0.5), kalman_at(POS_UAV_M, 0.05)
+
+    def contradicted(ms: int, range_m: float) -> bool:
+        beam = AltimeterMeasurement(ms * MS, range_m, LEVER_M, np.array((0.0, 0.0, 1.0)), 0.5, 0.03)
+        monitor.check_height(beam, kalman)
+        return bool(monitor.height)
+
+    assert [contradicted(ms, 0.3) for ms in (5000, 5500, 5950, 6000, 6500)] == [False, False, False, True, True]
+    assert not contradicted(6600, 5.4)
+    assert not contradicted(6700, 0.3) and not contradicted(7600, 0.3) and contradicted(7700, 0.3)
+
+
 def test_headings_of_the_tag_that_differ_again_and_again_show_the_error_of_the_rovers_compass() -> None:
     monitor, kalman = ConsistencyMonitor(0.5), kalman_at(POS_UAV_M, 0.05)
     wrong = TagMeasurement(0, REL_M, REL_M, 1e-4 * np.eye(3), 0.0, -0.8, 0.01)  # the filter's heading is 0
@@ -261,6 +284,18 @@ def test_a_path_by_the_tags_that_is_turned_leaves_the_tags_out() -> None:
         assert monitor.check_motion(measured, kalman, window) is None  # type: ignore[arg-type]
     assert monitor.tag_left_out.startswith("the tags are left out, as their path is turned by 57 degrees")
     assert monitor.uwb_left_out == monitor.speed_left_out == monitor.heading_turned == ""
+
+
+def test_while_the_rovers_speed_is_left_out_no_motion_judges_the_tags() -> None:
+    """The motion of vehicle and rover is not known without the rover's speed."""
+    monitor, kalman, window = ConsistencyMonitor(0.5), kalman_at(POS_UAV_M, 0.05), TurnedWindow(1.0)
+    monitor.speed_left_out = "the rover's speed is left out"
+    for ms in range(0, 5000, 50):
+        kalman.predict_to(ms * MS)
+        measured = circling(ms, 1.0, 2.0)
+        monitor.follow_motion(measured, kalman)
+        assert monitor.check_motion(measured, kalman, window) is None  # type: ignore[arg-type]
+        assert monitor.left_out == "the rover's speed is left out"
 
 
 @pytest.mark.parametrize(

@@ -50,13 +50,45 @@ def test_a_height_that_jumps_is_not_that_of_a_deck() -> None:
         assert not deck.moves
 
 
-@pytest.mark.parametrize(("period_ms", "count", "moves"), [(40, 15, False), (400, 5, False), (40, 45, True)])
+@pytest.mark.parametrize(
+    ("period_ms", "count", "moves"), [(40, 15, False), (400, 5, False), (40, 45, True), (100, 20, True)]
+)
 def test_few_heights_and_those_of_a_moment_say_nothing(period_ms: int, count: int, moves: bool) -> None:
     """The measured height grows by half a metre per second in each case."""
     deck = DeckMonitor()
     for step in range(count):
-        deck.add_height(step * period_ms * MS, -0.5e-3 * step * period_ms, 0.02)
+        deck.add_height(100 * S + step * period_ms * MS, -0.5e-3 * step * period_ms, 0.02)
     assert deck.moves is moves
+
+
+@pytest.mark.parametrize(
+    ("climb_mps", "std_m", "moves"),
+    [(0.08, 0.005, False), (0.15, 0.005, True), (0.15, 0.1, False), (0.6, 0.1, True), (0.9, 0.2, False)],
+)
+def test_a_deck_moves_that_climbs_faster_than_a_tenth_of_a_metre_per_second_and_than_its_heights_are_uncertain(
+    climb_mps: float, std_m: float, moves: bool
+) -> None:
+    """A standard deviation of 0.1 m of each of the 25 heights of a second is one of 0.07 m/s; heights of more than
+    0.15 m count for nothing."""
+    deck = DeckMonitor()
+    for step in range(50):
+        deck.add_height(step * 40 * MS, -climb_mps * 0.04 * step, std_m)
+    assert deck.moves is moves
+
+
+@pytest.mark.parametrize(
+    ("tilt_rad", "period_s", "moves"), [(0.015, 1.0, False), (0.03, 1.0, True), (0.03, 9.0, False)]
+)
+def test_a_deck_moves_whose_tilt_changes_by_more_than_a_degree_within_two_seconds(
+    tilt_rad: float, period_s: float, moves: bool
+) -> None:
+    """The tilt grows evenly by `tilt_rad` in `period_s`; a rover that drives onto a slope does so slowly."""
+    for tilts_roll in (True, False):
+        deck = DeckMonitor()
+        for step in range(51):
+            angle_rad = tilt_rad * min(step * 0.04 / period_s, 1.0)
+            deck.add_tilt(step * 40 * MS, angle_rad if tilts_roll else 0.1, -0.2 if tilts_roll else angle_rad)
+        assert deck.moves is moves
 
 
 def test_it_counts_as_still_again_some_time_after_the_last_sign() -> None:
@@ -78,6 +110,32 @@ def test_a_new_epoch_whose_time_begins_anew_knows_nothing_of_the_last_one() -> N
         assert not deck.moves
 
 
+def test_a_deck_that_moves_again_is_observed_from_then_on() -> None:
+    """What it did before the calm says nothing about the waves now."""
+    deck = DeckMonitor()
+    for step in range(840):
+        t_s = step / 25
+        calm = 10.0 < t_s < 32.0
+        deck.add_tilt(step * 40 * MS, 0.0 if calm else 0.03 * sin(2.0 * pi * t_s / 2.0), 0.0)
+        if not calm:
+            deck.add_motion(step * 40 * MS, 0.1, 0.1)
+        if step == 250:
+            motion = deck.motion(0.0)
+            assert motion is not None and motion.observed_s == pytest.approx(9.5, abs=0.5)
+    motion = deck.motion(0.0)
+    assert motion is not None and motion.observed_s == pytest.approx(1.0, abs=0.5)
+
+
+def test_the_motion_of_a_deck_is_known_from_few_measurements_per_second_too() -> None:
+    deck = watched(2.5, tilt_rad=0.05)
+    for ms in range(2500, 4500, 200):
+        deck.add_motion(ms * MS, 0.3, 0.1)
+    motion = deck.motion(0.0)
+    assert motion is not None
+    assert motion.climb_significant_mps == pytest.approx(0.6)
+    assert motion.observed_s == pytest.approx(1.8)
+
+
 def test_its_motion_is_told_as_two_standard_deviations_and_the_newest_tilt_with_its_rates() -> None:
     deck = DeckMonitor()
     for step in range(1000):
@@ -97,6 +155,22 @@ def test_its_motion_is_told_as_two_standard_deviations_and_the_newest_tilt_with_
     assert motion.roll_rate_rps == pytest.approx(0.05 * 2.0 * pi / 5.0 * cos(angle_rad - 0.18), abs=0.003)
     assert motion.pitch_rate_rps == pytest.approx(-0.4 * motion.roll_rate_rps)
     assert DeckMonitor().motion(0.0) is None
+
+
+@pytest.mark.parametrize("tags", [True, False])
+def test_the_motion_of_a_deck_is_observed_only_while_something_measures_its_height(tags: bool) -> None:
+    """Else the filter's vertical speed of the deck is a guess, and a landing would wait for a calm that nobody sees."""
+    relative = RelativeFilter(Tuning(), ValidityConfig(), PlatformConfig(), deck_moves=True)
+    for ms in range(0, 1000, 20):
+        rel_m = np.array((0.1, 0.0, -4.0))
+        measurements: list[Measurement] = [
+            OdometryMeasurement(ms * MS, np.concatenate((POS_ROVER_M + rel_m, np.zeros(3)))),
+            RoverOdometryMeasurement(ms * MS, 0.0, 0.0, 0.0, 0.03, 0.03, 0.01, heaves=True),
+        ]
+        if tags:
+            measurements.append(TagMeasurement(ms * MS, rel_m, rel_m, 1e-4 * np.eye(3), 0.0, None, 1.0))
+        relative.add(measurements)
+    assert (relative.deck.motion(0.0) is not None) is tags
 
 
 def heaving_m(t_s: float) -> tuple[float, float]:
@@ -144,9 +218,17 @@ def test_the_filter_follows_a_deck_that_heaves_and_nothing_contradicts_it(knows_
         estimate = relative.estimate
         assert estimate is not None and relative.consistency.left_out == ""
         if t_s > 8.0:
-            errors.append((estimate.pos_rel_m[2] - (hover_m - deck_m)[2], estimate.vel_rover_mps[2] - speed_mps))
-    std_m, std_mps = np.std(np.array(errors), axis=0)
+            acc_mps2 = (heaving_m(t_s + 0.01)[1] - heaving_m(t_s - 0.01)[1]) / 0.02
+            errors.append(
+                (
+                    estimate.pos_rel_m[2] - (hover_m - deck_m)[2],
+                    estimate.vel_rover_mps[2] - speed_mps,
+                    estimate.acc_down_rover_mps2 - acc_mps2,
+                )
+            )
+    std_m, std_mps, std_mps2 = np.std(np.array(errors), axis=0)
     assert std_m < 0.02
     assert std_mps < 0.1
+    assert std_mps2 < 0.2
     motion = relative.deck.motion(0.0)
     assert motion is not None and motion.climb_significant_mps == pytest.approx(0.42, abs=0.08)

@@ -1,6 +1,6 @@
 """No message makes the estimator's state anything but finite numbers, and ranges that lie don't move it."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from statistics import NormalDist
 
 import msgspec
@@ -150,6 +150,59 @@ def test_the_noise_of_the_ranges_is_found_by_any_number_of_them(anchors: int) ->
             ranges.append(UwbRange(t_ns=t_ns, anchor=a, pos_anchor_rover_body_m=ANCHORS_M[0], range_m=range_m))
         outlier_filter.filter(ranges, 0.1)
     assert outlier_filter.std_m == pytest.approx(0.1, rel=0.02)
+
+
+def noisy_ranges(first_ms: int, seconds: float, std_m: float, period_ms: int = 50) -> Iterator[tuple[UwbRange, ...]]:
+    """Ranges of a vehicle that stands still, in rounds of four anchors."""
+    rng = np.random.default_rng(4)
+    for ms in range(first_ms, first_ms + int(1000 * seconds), period_ms):
+        yield tuple(
+            UwbRange(t_ns=ms * MS, anchor=a, pos_anchor_rover_body_m=place_m, range_m=5.0 + std_m * rng.normal())
+            for a, place_m in enumerate(ANCHORS_M)
+        )
+
+
+def test_the_noise_of_the_ranges_is_that_of_the_last_two_seconds() -> None:
+    outlier_filter = RangeOutlierFilter()
+    for ranges in noisy_ranges(0, 5.0, 0.2):
+        outlier_filter.filter(ranges, 0.02)
+    assert outlier_filter.std_m == pytest.approx(0.2, rel=0.3)
+    for ranges in noisy_ranges(5000, 2.2, 0.02):
+        outlier_filter.filter(ranges, 0.02)
+    assert outlier_filter.std_m == pytest.approx(0.02, rel=0.3)
+    for ranges in noisy_ranges(7200, 2.2, 0.2):
+        outlier_filter.filter(ranges, 0.02)
+    assert outlier_filter.std_m == pytest.approx(0.2, rel=0.3)
+
+
+@pytest.mark.parametrize(("excess_m", "rounds", "used"), [(0.15, 9, 4), (0.25, 9, 3), (-2.0, 9, 4), (2.0, 3, 4)])
+def test_a_range_that_is_suddenly_longer_by_more_than_the_noise_explains_is_dropped(
+    excess_m: float, rounds: int, used: int
+) -> None:
+    """Three standard deviations of 0.02 m, and 12 cm. A shorter range has a line of sight, and three rounds show no
+    trend."""
+    outlier_filter, ranges = RangeOutlierFilter(), tuple[UwbRange, ...]()
+    for ranges in noisy_ranges(0, 0.05 * rounds, 0.001):
+        assert outlier_filter.filter(ranges, 0.02) == ranges
+    late = tuple(changed(r, t_ns=r.t_ns + 50 * MS, range_m=r.range_m + excess_m * (r.anchor == 2)) for r in ranges)
+    assert len(outlier_filter.filter(late, 0.02)) == used
+
+
+def test_a_range_without_line_of_sight_is_dropped_at_10_hz_too() -> None:
+    outlier_filter, ranges = RangeOutlierFilter(), tuple[UwbRange, ...]()
+    for ranges in noisy_ranges(0, 1.0, 0.001, period_ms=100):
+        assert outlier_filter.filter(ranges, 0.02) == ranges
+    late = tuple(changed(r, t_ns=r.t_ns + 100 * MS, range_m=r.range_m + 1.0 * (r.anchor == 2)) for r in ranges)
+    assert [r.anchor for r in outlier_filter.filter(late, 0.02)] == [0, 1, 3]
+
+
+def test_an_anchor_that_repeats_its_range_to_the_last_digit_is_dropped_until_it_measures_again() -> None:
+    outlier_filter = RangeOutlierFilter()
+    used = list[set[int]]()
+    for i, ranges in enumerate(noisy_ranges(0, 0.5, 0.01)):
+        stuck = tuple(changed(r, range_m=5.0) if r.anchor == 1 and i < 8 else r for r in ranges)
+        used.append({r.anchor for r in outlier_filter.filter(stuck, 0.02)})
+    assert used == [{0, 1, 2, 3}] * 3 + [{0, 2, 3}] * 5 + [{0, 1, 2, 3}] * 2
 
 
 def test_the_altimeter_counts_only_where_its_beam_surely_meets_the_platform() -> None:

@@ -147,6 +147,17 @@ def test_statistics_count_the_measurements_of_one_kind_since_a_time() -> None:
     assert since_20_ms is not None and (since_20_ms.measurements, since_20_ms.used) == (9, 21)
 
 
+def test_a_filter_whose_state_is_no_number_any_more_begins_again_with_the_next_odometry() -> None:
+    located, rel_m = RelativeFilter(Tuning(), ValidityConfig(), PlatformConfig()), POS_UAV_M - POS_ROVER_M
+    located.add([*hovering(0.1), tag(0, rel_m)])
+    located.add([OdometryMeasurement(100 * MS, np.array((0.0, 0.0, np.nan, 0.0, 0.0, 0.0)))])
+    assert located.std_pos_m == np.inf and not located.inputs
+    located.add([*hovering(0.1, start_ms=120), tag(120 * MS, rel_m)])
+    found = located.estimate
+    assert found is not None
+    assert found.pos_rel_m == pytest.approx(rel_m, abs=0.02)
+
+
 def test_uwb_and_tag_that_move_the_filter_to_and_fro_contradict_each_other_for_three_seconds() -> None:
     """Each of them measures alone for more than a second, so that the filter can't judge one by the other."""
     rel_m, elsewhere_m = POS_UAV_M - POS_ROVER_M, POS_UAV_M - POS_ROVER_M + np.array((0.0, 20.0, 0.0))

@@ -5,7 +5,7 @@ import pytest
 
 from jezero.base.arrays import Array
 from jezero.services.estimator.innovations import Innovation
-from jezero.services.estimator.kalman import FilterState, UpdateResult
+from jezero.services.estimator.kalman import FilterState, Kalman, UpdateResult
 from jezero.services.estimator.measurements import (
     AltimeterMeasurement,
     Measurement,
@@ -14,8 +14,17 @@ from jezero.services.estimator.measurements import (
     TagMeasurement,
     UwbMeasurement,
 )
-from jezero.services.estimator.motion import ATTITUDE_ERROR, SIZE, TAG_SCALE, UWB_BIAS, VEL_ROVER, VEL_UAV, YAW
-from tests.services.estimator.test_filter import ANCHORS_M, GATE, POS_ROVER_M, kalman_at
+from jezero.services.estimator.motion import (
+    ATTITUDE_ERROR,
+    SIZE,
+    TAG_SCALE,
+    UWB_BIAS,
+    VEL_ROVER,
+    VEL_UAV,
+    YAW,
+    YAW_RATE,
+)
+from tests.services.estimator.test_filter import ANCHORS_M, GATE, POS_ROVER_M, POS_UAV_M, kalman_at
 
 NO_GATE = (1e12, 1e12)
 
@@ -66,11 +75,15 @@ MEASUREMENTS: list[Measurement] = [
 ]
 
 
-def innovations_at(x: Array, measurement: Measurement) -> list[Innovation]:
-    """Innovations of a filter whose state is nearly certain, so that no update moves it."""
+def certain_at(x: Array) -> Kalman:
+    """A filter whose state is nearly certain, so that no update moves it."""
     kalman, root = kalman_at(POS_ROVER_M, 0.1), np.random.default_rng(1).normal(size=(SIZE, SIZE))
     kalman.restore(FilterState(0, x, 1e-9 * root @ root.T))
-    seen: list[Innovation] = []
+    return kalman
+
+
+def innovations_at(x: Array, measurement: Measurement) -> list[Innovation]:
+    kalman, seen = certain_at(x), list[Innovation]()
     kalman.observer = seen.append
     measurement.fuse(kalman, NO_GATE)
     return seen
@@ -171,6 +184,90 @@ def test_an_uncertain_time_counts_by_the_speed_at_which_a_range_changes(vel_rove
     uwb = UwbMeasurement(0, np.zeros(3), np.zeros((1, 3)), np.array((9.0,)), np.zeros(1), 0.02, std_time_s=0.01)
     uwb.fuse(kalman, NO_GATE)
     assert seen[0].cov_noise == pytest.approx(np.array([[0.02**2 + (0.01 * rate_mps) ** 2]]))
+
+
+@pytest.mark.parametrize(
+    ("measurement", "vel_rover_mps"),
+    [
+        (RoverOdometryMeasurement(0, 0.0, 0.6, 0.0, 0.03, 0.03, 0.01), (0.0, 0.0, 0.0)),
+        (RoverOdometryMeasurement(0, 1.0, 0.6, 0.0, 0.03, 0.03, 0.01), (np.cos(0.6), np.sin(0.6), 0.0)),
+        (RoverOdometryMeasurement(0, -1.0, 0.6, 0.0, 0.03, 0.03, 0.01), (-np.cos(0.6), -np.sin(0.6), 0.0)),
+        (
+            RoverOdometryMeasurement(0, 9.0, 0.6, 0.0, 0.03, 0.03, 0.01, speed_known=False),
+            (0.5 * np.cos(0.6), 0.5 * np.sin(0.6), 0.0),
+        ),
+        (
+            RoverOdometryMeasurement(0, 1.0, 0.6, 0.0, 0.03, 0.03, 0.01, heaves=True),
+            (np.cos(0.6), np.sin(0.6), 0.4),
+        ),
+    ],
+    ids=["stands", "drives", "drives backwards", "speed is not used", "heaves"],
+)
+def test_a_rover_moves_along_its_heading_alone_and_only_a_deck_that_heaves_moves_down(
+    measurement: RoverOdometryMeasurement, vel_rover_mps: tuple[float, float, float]
+) -> None:
+    """Before, the filter believes in 0.5 m/s ahead, 0.3 m/s to the right and 0.4 m/s down, to 1 m/s each. Its speed
+    ahead stays where the odometry's isn't used, and its speed down where the deck may heave."""
+    kalman, c, s = kalman_at(POS_UAV_M, 0.1), np.cos(0.6), np.sin(0.6)
+    x, P = kalman.x.copy(), np.zeros((SIZE, SIZE))
+    x[YAW], x[VEL_ROVER] = 0.6, (0.5 * c - 0.3 * s, 0.5 * s + 0.3 * c, 0.4)
+    P[VEL_ROVER, VEL_ROVER] = np.eye(3)
+    kalman.restore(FilterState(0, x, P))
+    measurement.fuse(kalman, NO_GATE)
+    assert kalman.x[VEL_ROVER] == pytest.approx(vel_rover_mps, abs=0.03 if measurement.speed_known else 0.1)
+
+
+def test_a_heading_of_the_rover_beyond_the_gate_is_rejected_and_moves_the_filter_by_a_fraction_of_its_error() -> None:
+    """A heading that is wrong by 1 rad. Rejecting it whole would keep a filter wrong that is wrong itself."""
+    kalman = kalman_at(POS_UAV_M, 0.1)
+    kalman.P[YAW, YAW] = 0.03**2
+    assert RoverOdometryMeasurement(0, 0.0, 1.0, 0.2, 0.03, 0.03, 0.01).fuse(kalman, GATE) == UpdateResult(0, 1)
+    assert 0.001 < kalman.x[YAW] < 0.1
+    assert kalman.x[YAW_RATE] == pytest.approx(0.2, abs=0.01)
+
+
+STRAIGHT_DOWN = np.array((0.0, 0.0, 1.0))
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("part", "used"), [(0.95, True), (1.05, False)], ids=["within", "beyond"])
+@pytest.mark.parametrize("sensor", ["rover_yaw", "rover_yaw_rate", "uwb", "altimeter", "tag", "tag_yaw"])
+def test_a_measurement_counts_up_to_the_root_of_the_gate_times_its_standard_deviation(
+    sensor: str, part: float, side: float, used: bool
+) -> None:
+    """The state is nearly certain, so an innovation has the standard deviation of the measurement: 0.02."""
+    x = np.zeros(SIZE)
+    x[0:3], x[6:9] = POS_ROVER_M + np.array((0.0, 0.0, -4.0)), POS_ROVER_M
+    off = {sensor: side * part * 0.02 * np.sqrt(GATE[1] if sensor == "tag" else GATE[0])}
+    ones = np.full(1, 1.0)
+    rel_m = np.array((0.0, 0.0, -4.0 + off.get("tag", 0.0)))
+    tag_std_m = np.sqrt(0.02**2 - 0.003**2)
+    made: dict[str, Measurement] = {
+        "rover": RoverOdometryMeasurement(
+            0,
+            0.0,
+            off.get("rover_yaw", 0.0),
+            off.get("rover_yaw_rate", 0.0),
+            0.02,
+            0.02,
+            0.02,
+        ),
+        "uwb": UwbMeasurement(0, np.zeros(3), np.zeros((1, 3)), 4.0 * ones + off.get("uwb", 0.0), 0.0 * ones, 0.02),
+        "altimeter": AltimeterMeasurement(0, 4.0 + off.get("altimeter", 0.0), np.zeros(3), STRAIGHT_DOWN, 0.5, 0.02),
+        "tag": TagMeasurement(0, rel_m, rel_m, tag_std_m**2 * np.eye(3), 0.0, off.get("tag_yaw", 0.0), 0.02),
+    }
+    kalman, seen = certain_at(x), list[Innovation]()
+    kalman.observer = seen.append
+    result = next(measurement for kind, measurement in made.items() if sensor.startswith(kind)).fuse(kalman, GATE)
+    assert [bool(each.accepted.all()) for each in seen if each.sensor == sensor] == [used]
+    assert (result.used == result.offered > 0) is (used or sensor == "tag_yaw")  # the position by the tag counts
+
+
+def test_positions_by_the_tags_are_as_uncertain_across_the_line_of_sight_as_the_attitude_of_one_picture() -> None:
+    """0.003 rad, which are 3 cm from 10 m; along the line of sight an angle changes nothing."""
+    high_m = np.array((0.0, 0.0, -10.0))
+    cov_m2 = TagMeasurement(0, high_m, high_m, 1e-10 * np.eye(3), 0.4, None, 0.02).measurement_cov_m2()
+    assert np.sqrt(np.diag(cov_m2)) == pytest.approx((0.03, 0.03, 0.003), abs=0.002)
 
 
 def test_tags_near_the_camera_are_not_believed_to_be_better_than_their_print_and_mounting() -> None:

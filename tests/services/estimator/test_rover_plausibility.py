@@ -64,3 +64,32 @@ def test_after_clear_any_reading_is_plausible() -> None:
     check.is_plausible(reading(0, speed_mps=50.0))
     check.clear()
     assert check.is_plausible(reading(40, yaw_rad=2.0))
+
+
+@pytest.mark.parametrize(
+    ("passed_ms", "turned_rad", "faster_mps", "plausible"),
+    [
+        (40, 0.3, 0.0, True),
+        (40, 0.5, 0.0, False),
+        (1000, 2.1, 0.0, True),
+        (1000, 2.5, 0.0, False),
+        (1000, -2.5, 0.0, False),
+        (40, 0.0, 0.3, True),
+        (40, 0.0, 0.5, False),
+        (1000, 0.0, 3.1, True),
+        (1000, 0.0, 3.5, False),
+        (1000, 0.0, -3.5, False),
+    ],
+)
+def test_a_reading_differs_from_the_one_before_by_noise_and_by_what_a_rover_can_turn_and_accelerate(
+    passed_ms: int, turned_rad: float, faster_mps: float, plausible: bool
+) -> None:
+    """Noise of 0.3 rad and 0.3 m/s, besides 2 rad/s and 3 m/s²."""
+    check = RoverPlausibilityCheck()
+    assert check.is_plausible(reading(60_000))
+    assert check.is_plausible(reading(60_000 + passed_ms, turned_rad, faster_mps)) is plausible
+
+
+@pytest.mark.parametrize(("speed_mps", "plausible"), [(5.9, True), (-5.9, True), (6.1, False), (-6.1, False)])
+def test_a_rover_drives_up_to_six_metres_per_second(speed_mps: float, plausible: bool) -> None:
+    assert RoverPlausibilityCheck().is_plausible(reading(0, speed_mps=speed_mps)) is plausible

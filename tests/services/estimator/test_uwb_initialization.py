@@ -31,6 +31,21 @@ def test_trilateration_is_the_least_squares_fit_above_the_anchors(seed: int) -> 
     assert found[1] == pytest.approx(expected, rel=1e-2, abs=1e-2)
 
 
+def test_trilateration_finds_the_exact_place_whatever_the_anchors_are() -> None:
+    """Three to five anchors at unequal distances from their middle, up to 2 m, and a vehicle that is near or far."""
+    rng, tried = np.random.default_rng(0), 0
+    for _ in range(100):
+        anchors_m = rng.uniform(-2.0, 2.0, (int(rng.integers(3, 6)), 3)) * (1.0, 1.0, 0.0)
+        true_m = rng.uniform((-5.0, -5.0, -10.0), (5.0, 5.0, -0.3))
+        if np.linalg.cond((anchors_m - anchors_m.mean(axis=0))[:, :2]) > 8.0:  # nearly on one line
+            continue
+        ranges_m = np.linalg.norm(true_m - anchors_m, axis=1)
+        found = trilaterate([(x, y, z) for x, y, z in anchors_m.tolist()], ranges_m.tolist())
+        assert found is not None and found[0] == pytest.approx(tuple(true_m), abs=1e-3)
+        tried += 1
+    assert tried > 70
+
+
 def round_at(t_ns: int, rel_m: Array, vel_mps: Array, yaw_rad: float) -> UwbMeasurement:
     """Exact ranges of a vehicle that is at `rel_m` at time 0, each a little earlier than the one before."""
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)

@@ -165,11 +165,30 @@ def test_foreign_tags_are_ignored_and_a_tag_that_contradicts_the_others_is_left_
     assert locate([], CORNERS_M, view_of(q), CONFIG) is None
 
 
+@pytest.mark.parametrize("wrong", range(4))
+def test_of_several_tags_the_one_that_contradicts_the_others_is_left_out_whichever_it_is(wrong: int) -> None:
+    q, pos_ned_m = quat_from_euler(0.0, 0.05, 0.0), (0.2, 0.1, -3.0)
+    rng, tags = np.random.default_rng(wrong), seen([BIG_ID, 1, 2, 3], pos_ned_m, q, 0.3)
+    for i, tag in enumerate(tags):
+        corners = [
+            (x + 20.0 * (i == wrong) + rng.normal(0.0, 0.3), y + rng.normal(0.0, 0.3)) for x, y in tag.corners_px
+        ]
+        tags[i] = CornersOfTag(tag_id=tag.tag_id, corners_px=(corners[0], corners[1], corners[2], corners[3]))
+    found = locate(tags, CORNERS_M, view_of(q), CONFIG)
+    assert found is not None
+    assert found[0] == tuple(tag.tag_id for i, tag in enumerate(tags) if i != wrong)
+
+
 def test_corners_above_the_horizon_or_in_one_point_give_no_pose() -> None:
     q = quat_from_euler(0.0, 0.0, 0.0)
     points_m = np.array(LANDING_BOARD[0].corners_rover_body_m)
     assert solve(points_m, np.array(((1.0, 1.0), (9.0, 1.0), (9.0, 9.0), (1.0, 9.0))), view_of(q, 0.5)) is None
+    tags = seen([BIG_ID, 1], (0.2, 0.1, -3.0), q, 0.3)
+    assert locate(tags, CORNERS_M, view_of(q), CONFIG) is not None
+    assert locate(tags, CORNERS_M, view_of(q, 0.5), CONFIG) is None
     assert solve(points_m, np.full((4, 2), 100.0), view_of(q)) is None
+    nearly_one_px = 100.0 + 3e-4 * np.array(((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)))
+    assert solve(points_m, nearly_one_px, view_of(q)) is None
 
 
 # -- pixels --
@@ -294,6 +313,16 @@ def test_an_attitude_is_turned_on_to_the_exposure_and_forgotten_with_its_epoch()
     assert attitudes.at(round(1.2 * NS_PER_S)) is None
     attitudes.add(odometry(1.12, quat_from_euler(0.0, 0.0, 0.0), epoch_id=2))
     assert attitudes.at(round(1.0 * NS_PER_S)) is None
+
+
+@pytest.mark.parametrize(
+    ("t_s", "roll_rad"), [(0.95, 0.1), (1.008, 0.1), (1.012, 0.2), (1.028, 0.2), (1.032, 0.3), (1.09, 0.3)]
+)
+def test_the_attitude_of_a_time_is_that_of_the_nearest_odometry(t_s: float, roll_rad: float) -> None:
+    attitudes = AttitudeHistory(0.06)
+    for i in range(3):
+        attitudes.add(odometry(1.0 + 0.02 * i, quat_from_euler(0.1 * (i + 1), 0.0, 0.0)))
+    assert attitudes.at(round(t_s * NS_PER_S)) == pytest.approx(quat_from_euler(roll_rad, 0.0, 0.0))
 
 
 class Feeder:
