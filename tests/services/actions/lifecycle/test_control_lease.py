@@ -84,6 +84,12 @@ def test_a_bridge_that_is_silent_for_a_second_ends_the_goal_also_when_it_is_bein
         assert reason(late_ns, Box()) == "the vehicle bridge has been silent for 1 s"  # type: ignore[arg-type]
 
 
+def test_a_bridge_whose_status_never_comes_is_silent_too() -> None:
+    silent = "the vehicle bridge has been silent for 1 s"
+    assert granted().loss_reason(GRANTED_NS, Box()) == silent  # type: ignore[arg-type]
+    assert granted().bridge_loss_reason(GRANTED_NS, Box()) == silent  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(
     ("of_status", "of_clock", "lost"), [(1, 1, False), (0, 1, False), (2, 1, True), (1, 2, True), (1, None, False)]
 )

@@ -189,9 +189,15 @@ def test_a_hover_of_its_own_that_raises_aborts_the_goal() -> None:
 class HoversItself(North):
     """Has a hover of its own, which climbs."""
 
+    def __init__(self, climb_mps: float = 1.0) -> None:
+        super().__init__()
+        self.climb_mps = climb_mps
+        self.steps_s: list[float] = []
+
     def hold(self, t_ns: int, dt_s: float, state: VehicleState) -> Move:
+        self.steps_s.append(dt_s)
         feedback = MoveFeedback(pos_uav_ned_m=state.pos_uav_ned_m, distance_m=0.0)
-        return Move(Phase.ACTION, feedback, vel_ned_mps=(0.0, 0.0, -1.0))
+        return Move(Phase.ACTION, feedback, vel_ned_mps=(0.0, 0.0, -self.climb_mps))
 
 
 def test_the_velocity_of_a_hover_of_its_own_decays_when_the_goal_goes_on() -> None:
@@ -208,6 +214,32 @@ def test_the_velocity_of_a_hover_of_its_own_decays_when_the_goal_goes_on() -> No
     assert climbs_mps[0] == pytest.approx(1.0 - DT_NS / S)
     assert max(steps_mps) <= DT_NS / S + 1e-9, "with 1 m/s², as the goal brakes"
     assert climbs_mps[-1] == 0.0
+
+
+def test_a_fast_hover_of_its_own_decays_on_after_the_goal_is_at_full_speed_again() -> None:
+    """The goal needs two seconds to its 2 m/s, and the climb of 4 m/s four seconds to rest: 1 m/s after three."""
+    flown = Flown(HoversItself(climb_mps=4.0))
+    flown.run(2.0)
+    flown.pause.wanted = True
+    flown.run(3.0)
+    assert flown.pause.paused
+    flown.pause.wanted = False
+    flown.run(3.0)
+    assert flown.pause.rate == 1.0
+    assert flown.moves[-1].vel_ned_mps == pytest.approx((2.0, 0.0, -1.0), abs=0.05)
+    flown.run(1.5)
+    assert flown.moves[-1].vel_ned_mps == (2.0, 0.0, 0.0)
+
+
+def test_a_hover_of_its_own_gets_the_time_of_each_step_and_of_a_frozen_server_no_more_than_a_moment() -> None:
+    hover = HoversItself()
+    flown = Flown(hover)
+    flown.pause.wanted = True
+    flown.run(3.0)
+    assert hover.steps_s[-1] == pytest.approx(DT_NS / S)
+    flown.t_ns += 5 * S
+    flown.run(0.02)
+    assert 0.0 < hover.steps_s[-1] < 0.5
 
 
 @pytest.mark.parametrize("age_s", [0.0, 0.2])

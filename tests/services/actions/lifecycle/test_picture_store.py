@@ -41,6 +41,15 @@ def test_pictures_of_an_earlier_run_are_deleted(tmp_path: Path) -> None:
     assert not there(PictureStore(tmp_path), "a")
 
 
+def test_a_picture_that_the_disk_has_spoiled_is_none_and_the_reason_says_so(tmp_path: Path) -> None:
+    store = PictureStore(tmp_path)
+    store.keep(picture("a", 3))
+    (file,) = (path for path in tmp_path.rglob("*") if path.is_file())
+    file.write_bytes(b"spoiled")
+    assert not there(store, "a", 3)
+    assert "picture 3 of goal a can't be read" in store.get("a", 3).reason
+
+
 def test_pictures_that_wait_for_the_disk_are_served_and_limited(tmp_path: Path) -> None:
     work: list[Callable[[], None]] = []
     store = PictureStore(tmp_path, execute=work.append, unwritten_max_bytes=3500)

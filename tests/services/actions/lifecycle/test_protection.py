@@ -1,6 +1,6 @@
 """What ends a flight, whatever the action: numbers and motions by hand, then goals of every action."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import radians, sin
 
 import pytest
@@ -8,15 +8,71 @@ from msgspec.structs import replace
 
 from jezero.base.frames import Vec3, distance, quat_from_euler
 from jezero.base.vehicle_config import VehicleConfig
+from jezero.runtime.node import Mailbox
+from jezero.schemas import topics
 from jezero.schemas.actions import Result
 from jezero.schemas.commands import Phase
+from jezero.schemas.fence import Fence, FenceState, Zone
 from jezero.schemas.goals import Goal, GoToGoal, MoveFeedback
-from jezero.schemas.state import Odometry
-from jezero.services.actions.lifecycle.protection import FlightProtection, GroundProximity, ResetWatch, RunawayDetector
-from jezero.services.actions.motion.behaviour import Move, MovingFrame, VehicleState
+from jezero.schemas.state import Odometry, StatusCode
+from jezero.services.actions.lifecycle.protection import (
+    FlightProtection,
+    GroundProximity,
+    ResetWatch,
+    RunawayDetector,
+    fence_refusal,
+)
+from jezero.services.actions.motion.behaviour import Move, MovingFrame, Plan, VehicleState
 from tests.services.actions.fake_camera import FakeCamera
 from tests.services.actions.lifecycle.test_server_plans import CIRCLE, FIELD, SPOT
 from tests.services.actions.rig import World
+from tests.services.actions.test_behaviours import a_status
+
+# -- the fence, before the flight --
+
+FIELD_M = Zone(name="field", corners_ned_m=((-10.0, -10.0), (10.0, -10.0), (10.0, 10.0), (-10.0, 10.0)))
+FENCE_OF_FIELD = Fence(keep_in=FIELD_M, floor_over_ground_m=2.0)
+
+
+def fence_of(way_ned_m: Sequence[Vec3], plan: Plan, of_status: str = "f", of_fence: str | None = "f") -> str:
+    """Refusal of a way by the ids of the fence in the status and in its own message; None: there is no message."""
+    inbox = Mailbox(())
+    inbox.add_message(topics.STATUS.name, replace(a_status(StatusCode.HOVER), fence_id=of_status))
+    if of_fence is not None:
+        inbox.add_message(topics.FENCE.name, FenceState(t_ns=0, fence=FENCE_OF_FIELD, fence_id=of_fence))
+    return fence_refusal(way_ned_m, plan, inbox)
+
+
+PLAN = Plan(lambda t_ns, state: None)  # type: ignore[arg-type, return-value]
+LEVEL_WAY: tuple[Vec3, ...] = ((0.0, 0.0, -3.0), (9.0, 0.0, -3.0))
+
+
+@pytest.mark.parametrize(
+    ("way_ned_m", "plan", "leaves"),
+    [
+        (LEVEL_WAY, PLAN, False),
+        (((0.0, 0.0, -3.0), (15.0, 0.0, -3.0)), PLAN, True),
+        (((0.0, 0.0, 0.0), (0.0, 0.0, -3.0)), PLAN, True),  # it is below the floor
+        (((0.0, 0.0, 0.0), (0.0, 0.0, -3.0)), replace(PLAN, do_takeoff=True), False),
+        (((0.0, 0.0, -3.0), (5.0, 0.0, 0.0)), PLAN, True),
+        (((0.0, 0.0, -3.0), (5.0, 0.0, 0.0)), replace(PLAN, lands=True), False),
+        ((), PLAN, False),  # an unknown way
+    ],
+)
+def test_a_way_that_leaves_the_fence_is_refused_but_may_begin_and_end_on_the_ground(
+    way_ned_m: Sequence[Vec3], plan: Plan, leaves: bool
+) -> None:
+    refusal = fence_of(way_ned_m, plan)
+    assert bool(refusal) is leaves
+    assert isinstance(refusal, str) and ("'fence'" in refusal) is leaves
+
+
+@pytest.mark.parametrize("of_fence", [None, "", "old"])
+def test_no_goal_starts_while_the_fence_that_the_bridge_holds_is_not_known(of_fence: str | None) -> None:
+    refusal = fence_of(LEVEL_WAY, PLAN, "f", of_fence)
+    assert refusal == "the vehicle's fence is not known yet: send the goal again in a second"
+    assert fence_of(((0.0, 0.0, -3.0), (50.0, 0.0, -3.0)), PLAN, "", of_fence) == "", "there is none any more"
+
 
 # -- steps of the autopilot's estimate --
 
@@ -70,6 +126,41 @@ def test_a_goal_in_a_moving_frame_bears_steps_of_the_position() -> None:
     assert "by 5.0 m in one step" in ResetWatch(START).problem(after(offset_ned_m=(5.0, 0.0, 0.0)), MOVE)
 
 
+@pytest.mark.parametrize(("step_m", "ends"), [(0.9, False), (1.1, True)])
+def test_steps_of_the_position_are_borne_up_to_a_metre_in_sum(step_m: float, ends: bool) -> None:
+    watch = ResetWatch(START)
+    assert watch.problem(after(offset_ned_m=(0.0, 0.0, 2.0)), MOVE) == "", "the height is borne, and counts as no step"
+    problem = watch.problem(after(offset_ned_m=(0.6 * step_m, 0.8 * step_m, 2.0), resets=2), MOVE)
+    assert ("by 1.1 m in one step during the goal" in problem) is ends
+
+
+def test_a_step_of_the_heading_ends_a_goal_in_a_moving_frame_too() -> None:
+    assert "contradicts the compass" in ResetWatch(START).problem(after(-10.0), replace(MOVE, frame=MovingFrame()))
+
+
+@pytest.mark.parametrize(
+    ("pos_ned_m", "shift_down_m", "ends"),
+    [
+        ((0.0, 0.0, -119.0), -2.0, True),
+        ((0.0, 0.0, -119.0), 0.5, False),
+        ((0.0, 0.0, -119.0), 0.0, False),
+        ((0.0, 0.0, -121.0), -2.0, False),  # it was beyond the limit before
+        (None, -200.0, False),
+    ],
+)
+def test_a_step_of_the_position_that_moves_the_goals_point_beyond_the_limits_ends_the_goal(
+    pos_ned_m: Vec3 | None, shift_down_m: float, ends: bool
+) -> None:
+    """The limit is 120 m over the origin."""
+    state = VehicleState(
+        (0.0, 0.0, -50.0), (0.0, 0.0, 0.0), START.q_ned_from_frd, True, False, shift_ned_m=(0.0, 0.0, shift_down_m)
+    )
+    move = replace(MOVE, pos_ned_m=pos_ned_m, vel_ned_mps=(0.0, 0.0, 0.0))
+    problem = FlightProtection(VEHICLE, START, lands=False).problem(0, START, state, move)
+    assert problem.startswith("the autopilot corrected its position, and with it the goal's: ") is ends
+    assert bool(problem) is ends
+
+
 # -- the ground: only the altimeter counts --
 
 VEHICLE = VehicleConfig()
@@ -96,6 +187,7 @@ def ground_problem(
         (0.20, 0.05, True),
         (0.20, -0.5, False),  # climbs
         (0.05, 0.0, True),  # stands
+        (0.15, 0.0, False),  # hovers low
         (3.0, 2.0, False),
     ],
 )
@@ -109,6 +201,43 @@ def test_the_reason_has_the_measured_height() -> None:
 
 def test_a_low_vehicle_that_only_moves_sideways_flies_on() -> None:
     assert not ground_problem(0.2, 0.0, north_mps=1.0)
+
+
+@pytest.mark.parametrize(("north_mps", "ends"), [(0.05, True), (0.15, False)])
+def test_a_vehicle_that_stands_is_slower_than_a_tenth_of_a_metre_per_second(north_mps: float, ends: bool) -> None:
+    assert bool(ground_problem(0.05, 0.0, north_mps=north_mps)) is ends
+
+
+def test_feet_that_are_in_the_ground_by_the_altimeter_are_at_zero_metres() -> None:
+    assert "measures only 0.0 m below the vehicle's feet" in ground_problem(-0.1, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("clearances_m", "ends"),
+    [
+        ([0.1] * 3, False),  # for 0.1 s
+        ([0.1] * 5, True),  # for 0.2 s
+        ([0.1, 0.1, 0.1, 2.0, 0.1, 0.1], False),  # high in between
+        ([0.1, 0.1, None, None, 0.1], True),  # without a reading nothing changes
+    ],
+)
+def test_a_vehicle_must_be_low_for_some_time_without_a_break(clearances_m: list[float | None], ends: bool) -> None:
+    guard = GroundProximity(VEHICLE)
+    problem = ""
+    for step, clearance_m in enumerate(clearances_m):
+        height_m = None if clearance_m is None else clearance_m + VEHICLE.height_altimeter_m
+        state = VehicleState((0.0, 0.0, -8.0), (0.0, 0.0, 0.5), (1.0, 0.0, 0.0, 0.0), True, False, 0.0, height_m)
+        problem = guard.problem(step * GROUND_STEP_NS, state, MOVE)
+    assert bool(problem) is ends
+
+
+def test_the_time_near_the_ground_in_a_takeoff_does_not_count_after_it() -> None:
+    guard, state = GroundProximity(VEHICLE), replace(at(0.0), height_m=VEHICLE.height_altimeter_m + 0.05)
+    phases = [*[Phase.GO_TO] * 2, Phase.TAKEOFF, *[Phase.GO_TO] * 2]
+    problems = [
+        guard.problem(step * GROUND_STEP_NS, state, replace(MOVE, phase=phase)) for step, phase in enumerate(phases)
+    ]
+    assert problems == [""] * 5
 
 
 @pytest.mark.parametrize("phase", [Phase.TAKEOFF, Phase.LANDING])
@@ -154,13 +283,15 @@ def velocity(north_mps: float, target_north_m: float | None = None) -> Move:
     return Move(Phase.LANDING, feedback, vel_ned_mps=(north_mps, 0.0, 0.0), target_ned_m=target_ned_m)
 
 
-def fires_after_s(motion: Callable[[float], tuple[VehicleState, Move]], duration_s: float = 10.0) -> float | None:
+def fires_after_s(
+    motion: Callable[[float], tuple[VehicleState, Move]], duration_s: float = 10.0, step_s: float = STEP_S
+) -> float | None:
     """Time of the first problem of a motion, given as state and setpoint at a time in s; None without one."""
     detector = RunawayDetector()
-    for step in range(round(duration_s / STEP_S)):
-        state, move = motion(step * STEP_S)
-        if detector.problem(round(step * STEP_S * 1e9), state, move):
-            return step * STEP_S
+    for step in range(round(duration_s / step_s)):
+        state, move = motion(step * step_s)
+        if detector.problem(round(step * step_s * 1e9), state, move):
+            return step * step_s
     return None
 
 
@@ -228,6 +359,13 @@ def test_an_error_that_grows_more_slowly_in_its_second_half_is_braked() -> None:
     """x = 3 t - 0.6 t²: 3 m/s at first, 0.6 m/s after 2 s, and 3.6 m away then."""
     assert fires_after_s(lambda t: (at(3.0 * t - 0.6 * t * t, 3.0 - 1.2 * t), position(0.0)), 2.4) is None
     assert fires_after_s(lambda t: (at(0.6 * t + 0.6 * t * t, 0.6 + 1.2 * t), position(0.0)), 2.4) is not None
+
+
+@pytest.mark.parametrize("step_s", [0.02, 0.23])
+def test_an_error_that_is_braked_a_little_is_no_runaway_whether_its_samples_are_even_or_odd(step_s: float) -> None:
+    """x = 3 t - 0.2 t²: 3 m/s at first, and 2.2 m/s after 2 s; a sample every 0.2 s or 0.23 s."""
+    assert fires_after_s(lambda t: (at(3.0 * t - 0.2 * t * t, 3.0 - 0.4 * t), position(0.0)), 5.0, step_s) is None
+    assert fires_after_s(lambda t: (at(3.0 * t + 0.2 * t * t, 3.0 + 0.4 * t), position(0.0)), 5.0, step_s) is not None
 
 
 def test_a_move_without_position_and_velocity_and_a_disarmed_vehicle_run_nowhere() -> None:
