@@ -153,6 +153,8 @@ class Hovers:
     Attributes:
         fields: of the plans.
         done: what a step returns; None: a hover.
+        started_ns: the goal's own time at its newest start.
+        stepped_ns: the goal's own time at its newest step.
     """
 
     def __init__(
@@ -166,13 +168,17 @@ class Hovers:
     ) -> None:
         self.fields, self.done = fields or {}, done
         self._rest, self._frame, self._pause_refusal = rest, frame, pause_refusal
-        self._t_ns = 0
+        self.started_ns = self.stepped_ns = 0
 
     def plan(self, goal: GoToGoal, status: Status) -> Plan:
-        return replace(Plan(lambda t_ns, state: self), **self.fields)
+        return replace(Plan(self.start), **self.fields)
+
+    def start(self, t_ns: int, state: VehicleState) -> "Hovers":
+        self.started_ns = t_ns
+        return self
 
     def step(self, t_ns: int, state: VehicleState) -> Move | Done:
-        self._t_ns = t_ns
+        self.stepped_ns = t_ns
         feedback: Any = MoveFeedback(pos_uav_ned_m=(1.0, 2.0, -3.0), frame=self._frame, distance_m=0.0)  # type: ignore[arg-type]
         return self.done or Move(Phase.ACTION, feedback, pos_ned_m=(0.0, 0.0, -3.0), vel_ned_mps=(0.0, 0.0, 0.0))
 
@@ -180,7 +186,7 @@ class Hovers:
         return self._rest
 
     def pause_refusal(self, state: VehicleState) -> str:
-        return self._pause_refusal(self._t_ns)
+        return self._pause_refusal(self.stepped_ns)
 
     def result(self, completed: bool, pos_uav_ned_m: Vec3) -> MoveResult:
         return MoveResult(completed=completed, pos_uav_ned_m=pos_uav_ned_m)

@@ -111,6 +111,42 @@ def test_the_deceleration_of_a_pause_and_the_acceleration_after_it_are_fed_forwa
     assert flown.moves[-1].acc_ned_mps2 == pytest.approx((0.0, 0.0, 0.0))
 
 
+def test_a_frozen_server_brakes_no_more_than_in_one_long_step_and_a_clock_that_goes_back_changes_nothing() -> None:
+    """2 m/s at 1 m/s²: half of the speed is left after a second, and no less than 0.9 of it after 5 s in one step."""
+    flown = Flown(North())
+    flown.run(1.0)
+    flown.pause.wanted = True
+    flown.t_ns += 5 * S - DT_NS
+    flown.run(0.02)
+    assert 0.9 < flown.pause.rate < 1.0
+    flown.run(0.5)
+    rate, behind_ns = flown.pause.rate, flown.pause.behind_ns
+    flown.t_ns -= S
+    flown.run(0.02)
+    assert (flown.pause.rate, flown.pause.behind_ns) == (rate, behind_ns)
+
+
+class Turns(Circle):
+    """Turns on the spot."""
+
+    def step(self, t_ns: int, state: VehicleState) -> Move | Done:
+        feedback = MoveFeedback(pos_uav_ned_m=state.pos_uav_ned_m, distance_m=0.0)
+        return Move(Phase.ACTION, feedback, vel_ned_mps=(0.0, 0.0, 0.0), yaw_rad=0.0, yaw_rate_rps=0.4)
+
+
+def test_a_goal_that_stands_is_paused_after_half_a_second_and_its_turn_slows_down_meanwhile() -> None:
+    flown = Flown(Turns())
+    flown.run(1.0)
+    assert flown.moves[-1].yaw_rate_rps == 0.4
+    flown.pause.wanted = True
+    flown.run(0.26)
+    assert flown.moves[-1].yaw_rate_rps == pytest.approx(0.2, abs=0.02)
+    assert not flown.pause.paused
+    flown.run(0.3)
+    assert flown.pause.paused
+    assert flown.moves[-1].yaw_rate_rps == 0.0
+
+
 class Touchdown(Circle):
     """The same, which can't be paused from one of its own times to another."""
 
@@ -162,6 +198,29 @@ def test_in_a_moving_frame_it_hovers_along_with_the_frame() -> None:
     assert before.vel_ned_mps == after.vel_ned_mps == (0.5, 0.0, 0.0)
     assert before.pos_ned_m is not None
     assert after.pos_ned_m == pytest.approx(add(before.pos_ned_m, (0.5, 0.0, 0.0)))
+
+
+class Follows(Circle):
+    """Flies north at 2 m/s in a frame that accelerates to the east at 0.3 m/s², and is at 0.5 m/s there."""
+
+    def step(self, t_ns: int, state: VehicleState) -> Move | Done:
+        frame = MovingFrame((0.0, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.3, 0.0))
+        feedback = MoveFeedback(pos_uav_ned_m=state.pos_uav_ned_m, distance_m=0.0)
+        return Move(Phase.ACTION, feedback, vel_ned_mps=(2.0, 0.5, 0.0), acc_ned_mps2=(0.4, 0.3, 0.0), frame=frame)
+
+
+def test_a_pause_in_a_moving_frame_slows_down_the_flight_and_not_the_frame() -> None:
+    """2 m/s in the frame at 1 m/s²: half of the speed after a second, with 0.5² of the path's own acceleration."""
+    flown = Flown(Follows())
+    flown.run(1.0)
+    flown.pause.wanted = True
+    flown.run(1.0)
+    assert flown.moves[-1].vel_ned_mps == pytest.approx((1.0, 0.5, 0.0), abs=0.03)
+    assert flown.moves[-1].acc_ned_mps2 == pytest.approx((0.25 * 0.4 - 1.0, 0.3, 0.0), abs=0.03)
+    flown.run(1.1)
+    assert flown.pause.paused
+    assert flown.moves[-1].vel_ned_mps == pytest.approx((0.0, 0.5, 0.0))
+    assert flown.moves[-1].acc_ned_mps2 == pytest.approx((0.0, 0.3, 0.0))
 
 
 class BrokenHover(Circle):

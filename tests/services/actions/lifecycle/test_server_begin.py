@@ -33,7 +33,7 @@ class PreparedHover(Hovers):
     """A planner whose goals need some work first."""
 
     def plan(self, goal: GoToGoal, status: Status) -> Plan:
-        return Plan(Preparation(work=lambda state: int, start=lambda value: Prepared(lambda t_ns, state: self)))
+        return Plan(Preparation(work=lambda state: int, start=lambda value: Prepared(self.start)))
 
 
 # -- a bridge that is not there yet, or replies late --

@@ -24,10 +24,11 @@ from jezero.schemas.topics import AREA_COVERAGE, STATUS
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.lifecycle.server import Modification, changed_goal
 from jezero.services.actions.motion.behaviour import Plan, Preparation, Prepared, Refusal, VehicleState
+from jezero.services.actions.motion.capture import Capture
 from tests.services.actions.fake_camera import FakeCamera
 from tests.services.actions.lifecycle.bench import HOVER, Bench, Hovers, S, replies
 from tests.services.actions.lifecycle.test_server_pause import assert_continuous, request
-from tests.services.actions.rig import FAR, World
+from tests.services.actions.rig import CONFIG, FAR, World
 
 
 def modify(world: World, goal_id: str, action: Action[Any] = topics.GO_TO, **fields: Any) -> ModifyReply:
@@ -74,17 +75,6 @@ def test_a_paused_goal_that_is_modified_stays_paused() -> None:
     assert distance(world.bridge.pos_ned_m, before_ned_m) < 0.1
     assert not answers.ended
     assert answers.replies[-1].paused
-
-
-def test_after_a_long_pause_a_changed_flight_goes_on_at_once() -> None:
-    world = World()
-    world.flying()
-    request(world, Pause(goal_id="far"))
-    world.bus.run_for(20.0)
-    request(world, Resume(goal_id="far"))
-    assert modify(world, "far", target_ned_m=[0.0, 20.0, -3.0]).modified
-    world.bus.run_for(3.0)
-    assert norm(world.bridge.vel_ned_mps) > 1.0
 
 
 @pytest.mark.parametrize(
@@ -313,6 +303,29 @@ def test_a_change_is_refused_by_the_check_of_the_inputs_of_its_plan() -> None:
     assert reply_to_change(bench, SLOWER) == ModifyReply(modified=False, reason="the rover is out of sight")
     hovers.fields["check_inputs"] = lambda state: ""
     assert reply_to_change(bench, SLOWER) == ModifyReply(modified=True)
+
+
+def test_after_a_pause_a_changed_goal_starts_at_its_own_time() -> None:
+    bench = Bench(HOVER_CHANGES, hovers := Hovers())
+    bench.fly(FAR)
+    bench.request(Pause(goal_id="far"))
+    for _ in range(250):
+        bench.step()
+    assert hovers.stepped_ns < bench.t_ns - 4 * S, "the goal's own time stands still in a pause"
+    bench.request(Resume(goal_id="far"))
+    assert reply_to_change(bench, SLOWER).modified
+    assert hovers.started_ns == pytest.approx(hovers.stepped_ns, abs=0.1 * S)
+
+
+def test_a_change_waits_for_the_pictures_that_were_requested_before() -> None:
+    capture = Capture(CONFIG.capture, CONFIG.vehicle.airframe, 4)
+    bench = Bench(dataclasses.replace(HOVER_CHANGES, takes_pictures=True), Hovers({"capture": capture}))
+    bench.fly(FAR)
+    assert reply_to_change(bench, SLOWER, within_s=1.0).modified
+    capture.request(0, bench.t_ns)
+    bench.request(SLOWER)
+    outputs = [output for _ in range(50) for output in bench.step()]
+    assert not replies(outputs, ModifyReply), "no picture has come yet"
 
 
 def test_a_second_change_waits_for_the_reply_to_the_first() -> None:

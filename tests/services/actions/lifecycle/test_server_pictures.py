@@ -126,7 +126,7 @@ def test_after_a_pause_the_missing_pictures_are_taken() -> None:
     answers = world.send(4)
     assert world.bus.run_for(3.0, lambda: any(f.images for f in feedback_of(answers)))
     world.bus.send_request(ACTION.pause, Pause(goal_id="g"))
-    world.bus.run_for(8.0)
+    world.bus.run_for(CONFIG.capture.late_max_s + 1.0)
     assert feedback_of(answers)[-1].taken < 4
     world.bus.send_request(ACTION.resume, Resume(goal_id="g"))
     result = world.end(answers)
