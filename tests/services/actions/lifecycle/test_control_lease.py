@@ -124,3 +124,14 @@ def test_a_loss_of_control_ends_the_goal_also_when_a_newer_status_has_arrived_wi
     """A computer that stood still for a moment gets both in one step, and the goal must not fly on after a pilot."""
     taken = replace(status(40, PRESENT, grant=3), code=int(StatusCode.EXTERNAL), text="a pilot has taken over")
     assert loss(granted(), taken, status(60, PRESENT, grant=3)) == "a pilot has taken over"
+
+
+def test_a_loss_of_control_that_came_with_the_grant_ends_the_goal_in_its_first_step() -> None:
+    """The step of the grant has read that status already."""
+
+    class Read(Box):
+        def new(self, topic: Any) -> Sequence[Status]:
+            return ()
+
+    taken = replace(status(40, PRESENT, grant=3), code=int(StatusCode.EXTERNAL), text="a pilot has taken over")
+    assert granted().loss_reason(GRANTED_NS + 50 * MS, Read(taken)) == "a pilot has taken over"  # type: ignore[arg-type]

@@ -332,6 +332,9 @@ START: Any = Returns()
         (Plan(START, inputs=(UWB,)), "names sensor/uwb, which no behaviour of this action gets; there are"),
         (Plan(START, capture=CAPTURE), "declare the Action with takes_pictures=True"),
         (Plan(START, rate_hz=-1.0), "rate_hz is -1"),
+        (Plan(START, rate_hz=0.0), "rate_hz is 0: give setpoints per second, or None"),
+        (Plan(START, rate_hz=inf), "rate_hz is inf"),
+        (Plan(START, rate_hz=nan), "rate_hz is nan"),
         (Plan(START, override=("everything",)), "override[0]: there is no value 'everything'"),  # type: ignore[arg-type]
         (Plan(START, warning=5), "warning: expected a text, not a whole number"),  # type: ignore[arg-type]
     ],

@@ -1,5 +1,6 @@
 """Which pictures stay on the disk, and for how long."""
 
+import gc
 from collections.abc import Callable
 from pathlib import Path
 
@@ -39,6 +40,24 @@ def test_the_oldest_goals_lose_their_pictures_when_there_are_too_many_but_never_
 def test_pictures_of_an_earlier_run_are_deleted(tmp_path: Path) -> None:
     PictureStore(tmp_path).keep(picture("a", 0))
     assert not there(PictureStore(tmp_path), "a")
+
+
+def test_a_temporary_folder_is_deleted_with_its_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    store = PictureStore()
+    store.keep(picture("a", 0))
+    assert there(store, "a") and list(tmp_path.iterdir())
+    del store
+    gc.collect()
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_given_folder_outlives_its_store(tmp_path: Path) -> None:
+    store = PictureStore(tmp_path)
+    store.keep(picture("a", 0))
+    del store
+    gc.collect()
+    assert [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
 def test_a_picture_that_the_disk_has_spoiled_is_none_and_the_reason_says_so(tmp_path: Path) -> None:

@@ -122,6 +122,14 @@ def test_the_bridges_reason_comes_before_a_missing_input(goal: Goal) -> None:
     assert refused.reason == world.bridge.refuse
 
 
+def test_a_refused_plan_says_whether_an_input_is_missing_that_may_be_there_in_flight() -> None:
+    missing = plan(World(), CIRCLE)
+    assert (missing.accepted, missing.input_missing) == (False, True)
+    assert missing.reason.startswith("no pictures")
+    beyond = plan(World(), GoToGoal(target_ned_m=(0.0, 0.0, -200.0)))
+    assert (beyond.accepted, beyond.input_missing) == (False, False)
+
+
 def test_a_plan_says_what_the_battery_has_and_what_the_flight_takes_of_it() -> None:
     world = World()
     goal = GoToGoal(target_ned_m=(20.0, 0.0, -3.0))
