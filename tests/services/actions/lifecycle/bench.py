@@ -9,7 +9,7 @@ from jezero.base.frames import Vec3
 from jezero.runtime.node import Mailbox
 from jezero.runtime.service import BackgroundTask, Call, Output, Publish, Reply, Request, Response
 from jezero.schemas import topics
-from jezero.schemas.actions import Accepted, Cancel, GetRunning, Modify, Pause
+from jezero.schemas.actions import Accepted, Cancel, GetResult, GetRunning, Modify, Pause
 from jezero.schemas.commands import AcquireReply, Phase
 from jezero.schemas.goals import Goal, GoToGoal, MoveFeedback, MoveResult
 from jezero.schemas.rows import Action, Topic
@@ -93,6 +93,7 @@ class Bench:
             Modify: action.modify,
             Cancel: action.cancel,
             GetRunning: action.running,
+            GetResult: topics.RESULT,
         }
         self._requests += 1
         endpoint = endpoints.get(type(payload), action.endpoint)

@@ -9,7 +9,21 @@ from msgspec.structs import replace
 
 from jezero.base.frames import Vec3, distance
 from jezero.schemas import topics
-from jezero.schemas.actions import Accepted, Feedback, PlanReply, Rejected, Result
+from jezero.schemas.actions import (
+    Accepted,
+    Cancel,
+    CancelReply,
+    Feedback,
+    GetResult,
+    GetRunning,
+    Pause,
+    PauseReply,
+    PlanReply,
+    Rejected,
+    Result,
+    ResultReply,
+    RunningGoal,
+)
 from jezero.schemas.goals import AreaCoverageGoal, GetImagesGoal, Goal, GoToGoal, LandOnSpotGoal, TakeoffGoal
 from jezero.schemas.sensors import Altimeter
 from jezero.schemas.state import Battery, StatusCode
@@ -210,6 +224,22 @@ def test_a_flight_is_planned_from_another_place_whatever_the_bridge_says_of_the_
 
 
 # -- step by step --
+
+
+def test_the_plan_of_a_goal_is_not_the_goal_itself_which_neither_runs_nor_can_be_canceled_meanwhile() -> None:
+    bench = Bench()
+    bench.request_plan(FAR)
+    call = bench.step(flies=False)
+    for payload in (GetResult(goal_id="far"), GetRunning(), Pause(goal_id="far"), Cancel(goal_id="far")):
+        bench.request(payload)
+    outputs = bench.step(flies=False)
+    assert not replies(outputs, ResultReply)
+    assert [running.goal_id for running in replies(outputs, RunningGoal)] == [""]
+    unknown = "no goal far is known to go_to"
+    assert replies(outputs, PauseReply) == [PauseReply(paused=False, reason=unknown)]
+    assert replies(outputs, CancelReply) == [CancelReply(canceled=False, reason=unknown)]
+    bench.respond(call, GRANTED)
+    assert [planned.accepted for planned in replies(bench.step(flies=False), PlanReply)] == [True]
 
 
 def test_the_plan_of_a_goal_that_would_end_at_once_is_refused_with_its_reason() -> None:
