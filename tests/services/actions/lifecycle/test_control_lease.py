@@ -100,6 +100,14 @@ def test_another_epoch_of_status_or_clock_is_another_vehicle(of_status: int, of_
         assert reason(GRANTED_NS + 30 * MS, box) == ("the vehicle restarted" if lost else "")  # type: ignore[arg-type]
 
 
+def test_a_clock_of_another_epoch_ends_the_goal_before_the_next_status_comes() -> None:
+    lease, confirming = granted(), status(20, PRESENT, grant=3)
+    before, after = Box(confirming, epoch_id=1), Box(confirming, epoch_id=2)
+    assert lease.loss_reason(GRANTED_NS + 30 * MS, before) == ""  # type: ignore[arg-type]
+    assert lease.loss_reason(GRANTED_NS + 35 * MS, before) == ""  # type: ignore[arg-type]
+    assert lease.loss_reason(GRANTED_NS + 40 * MS, after) == "the vehicle restarted"  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("code", [StatusCode.ABORT, StatusCode.EXTERNAL])
 @pytest.mark.parametrize("text", ["", "a pilot has taken over: POSCTL"])
 def test_a_status_without_the_goal_in_charge_ends_it_with_the_bridges_words(code: StatusCode, text: str) -> None:

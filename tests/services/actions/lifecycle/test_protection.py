@@ -165,6 +165,8 @@ def test_a_step_of_the_position_that_moves_the_goals_point_beyond_the_limits_end
 
 VEHICLE = VehicleConfig()
 GROUND_STEP_NS = 50_000_000
+BEGIN_NS = 100_000_000_000
+"""Vehicle time at which a motion begins."""
 
 
 def ground_problem(
@@ -176,7 +178,7 @@ def ground_problem(
     feedback = MoveFeedback(pos_uav_ned_m=(0.0, 0.0, -8.0), distance_m=1.0)
     move = Move(phase, feedback, pos_ned_m=(0.0, 0.0, -7.0))
     guard = GroundProximity(VEHICLE)
-    return [guard.problem(step * GROUND_STEP_NS, state, move) for step in range(steps)][-1]
+    return [guard.problem(BEGIN_NS + step * GROUND_STEP_NS, state, move) for step in range(steps)][-1]
 
 
 @pytest.mark.parametrize(
@@ -227,7 +229,7 @@ def test_a_vehicle_must_be_low_for_some_time_without_a_break(clearances_m: list[
     for step, clearance_m in enumerate(clearances_m):
         height_m = None if clearance_m is None else clearance_m + VEHICLE.height_altimeter_m
         state = VehicleState((0.0, 0.0, -8.0), (0.0, 0.0, 0.5), (1.0, 0.0, 0.0, 0.0), True, False, 0.0, height_m)
-        problem = guard.problem(step * GROUND_STEP_NS, state, MOVE)
+        problem = guard.problem(BEGIN_NS + step * GROUND_STEP_NS, state, MOVE)
     assert bool(problem) is ends
 
 
@@ -235,7 +237,8 @@ def test_the_time_near_the_ground_in_a_takeoff_does_not_count_after_it() -> None
     guard, state = GroundProximity(VEHICLE), replace(at(0.0), height_m=VEHICLE.height_altimeter_m + 0.05)
     phases = [*[Phase.GO_TO] * 2, Phase.TAKEOFF, *[Phase.GO_TO] * 2]
     problems = [
-        guard.problem(step * GROUND_STEP_NS, state, replace(MOVE, phase=phase)) for step, phase in enumerate(phases)
+        guard.problem(BEGIN_NS + step * GROUND_STEP_NS, state, replace(MOVE, phase=phase))
+        for step, phase in enumerate(phases)
     ]
     assert problems == [""] * 5
 
@@ -251,6 +254,28 @@ def test_a_single_reading_ends_nothing() -> None:
 
 def test_without_an_altimeter_nothing_is_concluded() -> None:
     assert not ground_problem(None, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("state_at", "words"),
+    [
+        (lambda t: replace(at(0.0), vel_uav_ned_mps=(0.0, 0.0, 0.5), height_m=0.3), "the altimeter measures only"),
+        (lambda t: at(t * t, 2.0 * t), "the vehicle runs away from its setpoint"),
+        (lambda t: at(0.0), ""),
+    ],
+    ids=["into the ground", "away", "hover"],
+)
+@pytest.mark.parametrize("lands", [True, False])
+def test_each_protection_of_a_flight_ends_it_alone(
+    state_at: Callable[[float], VehicleState], words: str, lands: bool
+) -> None:
+    protection = FlightProtection(VEHICLE, START, lands=lands)
+    problems = [
+        protection.problem(BEGIN_NS + round(0.1 * step * 1e9), START, state_at(0.1 * step), position(0.0))
+        for step in range(25)
+    ]
+    assert any(problem.startswith(words) for problem in problems if problem) is bool(words)
+    assert any(problems) is bool(words)
 
 
 # -- a vehicle that runs away --
@@ -290,7 +315,7 @@ def fires_after_s(
     detector = RunawayDetector()
     for step in range(round(duration_s / step_s)):
         state, move = motion(step * step_s)
-        if detector.problem(round(step * step_s * 1e9), state, move):
+        if detector.problem(BEGIN_NS + round(step * step_s * 1e9), state, move):
             return step * step_s
     return None
 
@@ -298,7 +323,7 @@ def fires_after_s(
 def test_a_vehicle_that_accelerates_away_is_found_after_two_seconds_with_its_numbers() -> None:
     detector = RunawayDetector()
     reasons = [
-        detector.problem(step * 100_000_000, at(0.5 * (0.1 * step) ** 2, 0.1 * step), position(0.0))
+        detector.problem(BEGIN_NS + step * 100_000_000, at(0.5 * (0.1 * step) ** 2, 0.1 * step), position(0.0))
         for step in range(21)
     ]
     assert reasons[:-1] == [""] * 20
@@ -366,6 +391,26 @@ def test_an_error_that_is_braked_a_little_is_no_runaway_whether_its_samples_are_
     """x = 3 t - 0.2 t²: 3 m/s at first, and 2.2 m/s after 2 s; a sample every 0.2 s or 0.23 s."""
     assert fires_after_s(lambda t: (at(3.0 * t - 0.2 * t * t, 3.0 - 0.4 * t), position(0.0)), 5.0, step_s) is None
     assert fires_after_s(lambda t: (at(3.0 * t + 0.2 * t * t, 3.0 + 0.4 * t), position(0.0)), 5.0, step_s) is not None
+
+
+def test_a_landing_runs_away_from_its_target_in_any_direction_but_not_when_its_velocity_leads_away() -> None:
+    """The vehicle accelerates away from a target at (0, 0), and is commanded back to it, or away."""
+    for north, east in ((1.0, 0.0), (0.0, 1.0), (0.6, 0.8), (-0.6, 0.8), (0.8, -0.6)):
+        for back_mps, found in ((1.0, True), (-1.0, False)):
+            command = Move(
+                Phase.LANDING,
+                None,
+                vel_ned_mps=(-back_mps * north, -back_mps * east, 0.0),
+                target_ned_m=(0.0, 0.0, 0.0),
+            )
+
+            def motion(
+                t: float, north: float = north, east: float = east, command: Move = command
+            ) -> tuple[VehicleState, Move]:
+                away_m = 0.5 + t * t
+                return replace(at(0.0), pos_uav_ned_m=(north * away_m, east * away_m, -3.0)), command
+
+            assert (fires_after_s(motion, 4.0) is not None) is found, (north, east, back_mps)
 
 
 def test_a_move_without_position_and_velocity_and_a_disarmed_vehicle_run_nowhere() -> None:

@@ -22,6 +22,7 @@ from jezero.schemas.actions import (
     RunningGoal,
 )
 from jezero.schemas.commands import Acquire, Release, ReleaseReply
+from jezero.schemas.fence import Fence, FenceState, Zone
 from jezero.schemas.goals import GetImagesGoal, GoToGoal
 from jezero.schemas.state import Status, StatusCode
 from jezero.services.actions.motion.behaviour import Plan, Preparation, Prepared
@@ -106,7 +107,36 @@ def test_a_goal_is_canceled_at_once_also_while_the_bridge_does_not_reply() -> No
     assert [refused.reason for refused in replies(outputs, Rejected)] == ["canceled by a client"]
 
 
-# -- a position that gets lost while the goal begins --
+# -- a position that is not known, or gets lost while the goal begins --
+
+
+@pytest.mark.parametrize(
+    ("not_ready_reason", "reason"), [("", "no odometry yet"), ("no GNSS fix yet", "no GNSS fix yet")]
+)
+def test_a_goal_for_a_vehicle_without_a_position_is_refused_with_what_the_bridge_waits_for(
+    not_ready_reason: str, reason: str
+) -> None:
+    bench = Bench()
+    assert bench.status is not None
+    bench.odometry = None
+    bench.status = replace(bench.status, ready=not not_ready_reason, not_ready_reason=not_ready_reason)
+    bench.request(FAR)
+    (refused,) = replies(bench.step(), Rejected)
+    assert refused.reason == f"the vehicle's position is unknown: {reason}"
+
+
+def test_a_goal_whose_way_leaves_the_fence_is_refused_before_it_gets_control() -> None:
+    wall = Zone(name="wall", corners_ned_m=((10.0, -50.0), (60.0, -50.0), (60.0, 50.0), (10.0, 50.0)))
+    bench = Bench()
+    assert bench.status is not None
+    bench.status = replace(bench.status, fence_id="f")
+    bench.inbox.add_message(topics.FENCE.name, FenceState(t_ns=0, fence=Fence(keep_out=(wall,)), fence_id="f"))
+    bench.request(FAR)
+    outputs = bench.step()
+    assert not calls(outputs, Acquire)
+    (refused,) = replies(outputs, Rejected)
+    assert "wall" in refused.reason
+
 
 LOST = "the vehicle's position is not known any more: is vehicle_bridge running?"
 

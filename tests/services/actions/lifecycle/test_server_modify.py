@@ -26,7 +26,7 @@ from jezero.services.actions.lifecycle.server import Modification, changed_goal
 from jezero.services.actions.motion.behaviour import Plan, Preparation, Prepared, Refusal, VehicleState
 from jezero.services.actions.motion.capture import Capture
 from tests.services.actions.fake_camera import FakeCamera
-from tests.services.actions.lifecycle.bench import HOVER, Bench, Hovers, S, replies
+from tests.services.actions.lifecycle.bench import HOVER, Bench, Hovers, S, published, replies
 from tests.services.actions.lifecycle.test_server_pause import assert_continuous, request
 from tests.services.actions.rig import CONFIG, FAR, World
 
@@ -339,6 +339,39 @@ def test_a_second_change_waits_for_the_reply_to_the_first() -> None:
     assert [output.request_id for output in outputs if isinstance(output, Reply) and output.final] == [first]
     assert replies(outputs, ModifyReply) == [ModifyReply(modified=True)]
     assert reply_to_change(bench, SLOWER).modified
+
+
+def test_a_changed_flight_begins_at_the_setpoint_at_which_the_goal_has_stopped() -> None:
+    """The vehicle is behind: a way from its own position would be a jump."""
+    bench = Bench()
+    bench.fly(FAR)
+    setpoints = [each for _ in range(60) for each in published(bench.step(), topics.SETPOINT)]
+    assert setpoints[-1].pos_ned_m[0] > 0.3
+    assert reply_to_change(bench, Modify(goal_id="far", fields={"target_ned_m": (0.0, 9.0, -3.0)})).modified
+    bench.request(GetRunning())
+    outputs = bench.step()
+    (running,), (setpoint,) = replies(outputs, RunningGoal), published(outputs, topics.SETPOINT)
+    assert running.path_ned_m[0] == pytest.approx(setpoint.pos_ned_m, abs=0.02)
+    assert setpoint.pos_ned_m[0] > 0.3
+
+
+class PreparesChanges(Hovers):
+    """A planner whose changes need some work."""
+
+    def replan(self, goal: GoToGoal, status: Status, running: Any) -> Plan:
+        return Plan(Preparation(work=lambda state: int, start=lambda value: Prepared(self.start)))
+
+
+def test_the_work_for_a_change_ends_with_its_goal() -> None:
+    bench = Bench(HOVER_CHANGES, PreparesChanges())
+    bench.fly(FAR)
+    bench.request(SLOWER)
+    outputs = [output for _ in range(50) for output in bench.step()]
+    (tag,) = tasks(outputs)
+    bench.take_control()
+    outputs = bench.step()
+    assert CancelTask(tag) in outputs
+    assert replies(outputs, ModifyReply) == [ModifyReply(modified=False, reason="the goal has ended")]
 
 
 def test_a_change_of_a_goal_that_ends_meanwhile_gets_a_reply() -> None:

@@ -155,6 +155,11 @@ def test_a_goal_that_takes_pictures_may_report_something_else() -> None:
     assert isinstance(feedback.feedback, MoveFeedback)
 
 
+def test_an_action_that_may_take_pictures_flies_a_goal_that_takes_none() -> None:
+    bench = Bench(replace(HOVER, takes_pictures=True), Hovers())
+    assert published(bench.fly(FAR), SETPOINT)
+
+
 def test_a_goal_with_pictures_that_is_canceled_before_its_first_setpoint_is_released() -> None:
     bench = hover_with_pictures()
     bench.request(FAR)
