@@ -454,6 +454,22 @@ def test_a_setpoint_that_moves_away_faster_than_the_vehicle_follows_is_no_runawa
     assert fires_after_s(lambda t: (at(1.0 * t, 1.0), velocity(1.0, -3.0 * t))) is None
 
 
+@pytest.mark.parametrize(
+    ("vehicle_mps", "setpoint_mps", "found"),
+    [
+        (2.4, 2.0, False),  # both move: the error grows by 0.8 m in 2 s
+        (2.6, 2.0, True),  # by 1.2 m
+        (0.4, -2.0, False),  # the vehicle's own motion is 0.8 m in 2 s
+        (0.6, -2.0, True),  # 1.2 m
+    ],
+)
+def test_both_the_error_and_the_vehicles_own_motion_must_be_a_metre_in_two_seconds(
+    vehicle_mps: float, setpoint_mps: float, found: bool
+) -> None:
+    fired_s = fires_after_s(lambda t: (at(vehicle_mps * t, vehicle_mps), position(setpoint_mps * t)), 5.0)
+    assert (fired_s is not None) is found
+
+
 def test_steps_of_the_position_and_of_the_velocity_by_a_reset_are_no_runaway() -> None:
     assert fires_after_s(lambda t: (at(0.0 if t < 3.0 else 8.0), position(0.0))) is None
     assert fires_after_s(lambda t: (at(0.0, 0.0 if t < 3.0 else 4.0), velocity(0.0))) is None
