@@ -84,6 +84,13 @@ def test_pictures_that_wait_for_the_disk_are_served_and_limited(tmp_path: Path) 
     assert there(store, "a", 2)
 
 
+def test_at_most_64_megabytes_wait_in_memory_for_a_busy_disk(tmp_path: Path) -> None:
+    store = PictureStore(tmp_path, execute=lambda work: None)
+    store.keep(ImageReply(goal_id="a", index=0, pixels=bytes(60_000_000)))
+    with pytest.raises(OSError, match="the disk doesn't keep up"):
+        store.keep(ImageReply(goal_id="a", index=1, pixels=bytes(10_000_000)))
+
+
 def test_a_disk_that_fails_late_is_named_with_the_next_picture_of_the_same_goal_alone(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("no folder")
     work: list[Callable[[], None]] = []
