@@ -134,6 +134,13 @@ def test_steps_of_the_position_are_borne_up_to_a_metre_in_sum(step_m: float, end
     assert ("by 1.1 m in one step during the goal" in problem) is ends
 
 
+def test_a_step_that_was_borne_in_a_moving_frame_ends_nothing_after_it_but_the_next_step_does() -> None:
+    watch, stepped = ResetWatch(START), after(offset_ned_m=(5.0, 0.0, 0.0))
+    assert watch.problem(stepped, replace(MOVE, frame=MovingFrame())) == ""
+    assert watch.problem(stepped, MOVE) == ""
+    assert "by 5.1 m in 2 steps" in watch.problem(after(offset_ned_m=(5.1, 0.0, 0.0), resets=2), MOVE)
+
+
 def test_a_step_of_the_heading_ends_a_goal_in_a_moving_frame_too() -> None:
     assert "contradicts the compass" in ResetWatch(START).problem(after(-10.0), replace(MOVE, frame=MovingFrame()))
 
