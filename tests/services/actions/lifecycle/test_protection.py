@@ -1,6 +1,7 @@
 """What ends a flight, whatever the action: numbers and motions by hand, then goals of every action."""
 
 from collections.abc import Callable, Sequence
+from itertools import accumulate
 from math import radians, sin
 
 import pytest
@@ -459,6 +460,26 @@ def test_a_setpoint_that_moves_away_faster_than_the_vehicle_follows_is_no_runawa
     assert fires_after_s(lambda t: (at(0.0), position(3.0 * t))) is None
     assert fires_after_s(lambda t: (at(2.0 + 1.0 * t, 1.0), velocity(1.0, 1.0 * t))) is None
     assert fires_after_s(lambda t: (at(1.0 * t, 1.0), velocity(1.0, -3.0 * t))) is None
+
+
+@pytest.mark.parametrize(
+    ("speeds_mps", "found"),
+    [
+        ((1.0, 1.0, 4.0, 4.0, 4.0, 2.0, 2.0, 2.0, 2.0, 2.0), False),  # 2.8 m in the first second, then 2 m
+        ((4.0, 4.0, 1.0, 1.0, 1.0, 2.0, 2.0, 3.0, 3.0, 3.0), True),  # 2.2 m in the first second, then 2.6 m
+    ],
+)
+def test_the_second_half_of_the_two_seconds_is_compared_with_the_first(
+    speeds_mps: tuple[float, ...], found: bool
+) -> None:
+    """A speed for each fifth of a second."""
+    away_m = [0.2 * speed_sum for speed_sum in accumulate(speeds_mps, initial=0.0)]
+    detector = RunawayDetector()
+    problems = [
+        detector.problem(BEGIN_NS + step * 200_000_000, at(north_m), position(0.0))
+        for step, north_m in enumerate(away_m)
+    ]
+    assert any(problems) is found
 
 
 @pytest.mark.parametrize(
