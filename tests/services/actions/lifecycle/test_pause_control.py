@@ -141,7 +141,7 @@ def test_a_goal_that_stands_is_paused_after_half_a_second_and_its_turn_slows_dow
     flown.pause.wanted = True
     flown.run(0.26)
     assert flown.moves[-1].yaw_rate_rps == pytest.approx(0.2, abs=0.02)
-    assert not flown.pause.paused
+    assert flown.pause.rate == pytest.approx(0.5, abs=0.05)
     flown.run(0.3)
     assert flown.pause.paused
     assert flown.moves[-1].yaw_rate_rps == 0.0
