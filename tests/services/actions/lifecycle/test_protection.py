@@ -444,6 +444,19 @@ def test_gusts_that_push_the_vehicle_by_two_metres_to_and_fro_are_no_runaway() -
     assert fires_after_s(lambda t: (at(0.0, 2.0 * sin(1.8 * t)), velocity(0.0)), 30.0) is None
 
 
+def test_an_error_that_falls_for_a_quarter_of_each_second_is_no_runaway() -> None:
+    """It grows by 1.5 m/s for 0.78 s, and falls by 0.8 m/s for 0.22 s: by 2 m in two seconds."""
+
+    def to_and_fro(t: float) -> tuple[VehicleState, Move]:
+        whole_s, part_s = divmod(t, 1.0)
+        return at(
+            whole_s * (0.78 * 1.5 - 0.22 * 0.8) + min(part_s, 0.78) * 1.5 - max(part_s - 0.78, 0.0) * 0.8
+        ), position(0.0)
+
+    assert fires_after_s(to_and_fro) is None
+    assert fires_after_s(lambda t: (at(t), position(0.0))) is not None, "without a break it is one"
+
+
 def test_a_vehicle_that_brakes_after_a_takeover_is_no_runaway() -> None:
     """At first 8 m/s away from the new setpoint, braking with 2.5 m/s² for 3.2 s and 12.8 m."""
 
