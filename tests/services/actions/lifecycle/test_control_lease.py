@@ -84,6 +84,12 @@ def test_a_bridge_that_is_silent_for_a_second_ends_the_goal_also_when_it_is_bein
         assert reason(late_ns, Box()) == "the vehicle bridge has been silent for 1 s"  # type: ignore[arg-type]
 
 
+def test_a_bridge_whose_status_never_comes_is_silent_too() -> None:
+    silent = "the vehicle bridge has been silent for 1 s"
+    assert granted().loss_reason(GRANTED_NS, Box()) == silent  # type: ignore[arg-type]
+    assert granted().bridge_loss_reason(GRANTED_NS, Box()) == silent  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(
     ("of_status", "of_clock", "lost"), [(1, 1, False), (0, 1, False), (2, 1, True), (1, 2, True), (1, None, False)]
 )
@@ -92,6 +98,14 @@ def test_another_epoch_of_status_or_clock_is_another_vehicle(of_status: int, of_
     box = Box(replace(status(20, PRESENT, grant=3), epoch_id=of_status), epoch_id=of_clock)
     for reason in (granted().loss_reason, granted().bridge_loss_reason):
         assert reason(GRANTED_NS + 30 * MS, box) == ("the vehicle restarted" if lost else "")  # type: ignore[arg-type]
+
+
+def test_a_clock_of_another_epoch_ends_the_goal_before_the_next_status_comes() -> None:
+    lease, confirming = granted(), status(20, PRESENT, grant=3)
+    before, after = Box(confirming, epoch_id=1), Box(confirming, epoch_id=2)
+    assert lease.loss_reason(GRANTED_NS + 30 * MS, before) == ""  # type: ignore[arg-type]
+    assert lease.loss_reason(GRANTED_NS + 35 * MS, before) == ""  # type: ignore[arg-type]
+    assert lease.loss_reason(GRANTED_NS + 40 * MS, after) == "the vehicle restarted"  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("code", [StatusCode.ABORT, StatusCode.EXTERNAL])
@@ -118,3 +132,14 @@ def test_a_loss_of_control_ends_the_goal_also_when_a_newer_status_has_arrived_wi
     """A computer that stood still for a moment gets both in one step, and the goal must not fly on after a pilot."""
     taken = replace(status(40, PRESENT, grant=3), code=int(StatusCode.EXTERNAL), text="a pilot has taken over")
     assert loss(granted(), taken, status(60, PRESENT, grant=3)) == "a pilot has taken over"
+
+
+def test_a_loss_of_control_that_came_with_the_grant_ends_the_goal_in_its_first_step() -> None:
+    """The step of the grant has read that status already."""
+
+    class Read(Box):
+        def new(self, topic: Any) -> Sequence[Status]:
+            return ()
+
+    taken = replace(status(40, PRESENT, grant=3), code=int(StatusCode.EXTERNAL), text="a pilot has taken over")
+    assert granted().loss_reason(GRANTED_NS + 50 * MS, Read(taken)) == "a pilot has taken over"  # type: ignore[arg-type]

@@ -219,8 +219,8 @@ def test_a_behaviour_that_never_started_has_no_rest_no_way_and_no_result() -> No
         (Remaining(1.0, -1.0), False),
         (Remaining(inf, 1.0), False),
         (Remaining(1.0, nan), False),
-        (Remaining(3e12, 1.0), False),
-        (Remaining(1.0, 3e12), False),
+        (Remaining(1.1e12, 1.0), False),
+        (Remaining(1.0, 1.1e12), False),
         (None, False),
     ],
 )
@@ -298,6 +298,7 @@ def guarded(code: Returns) -> Plan | Refusal:
     [
         (replace(MOVE, pitch_camera_rad=-1.0), "declare the Action with points_camera=True"),
         (replace(MOVE, pos_ned_m=(0.0, 0.0, nan)), "Setpoint.pos_ned_m[2] is nan"),
+        (None, "step returned NoneType, not a Move or a Done"),
         (replace(MOVE, pos_ned_m=None), "neither pos_ned_m nor vel_ned_mps"),
         (replace(MOVE, pos_ned_m=(0.0, 0.0)), "Move: pos_ned_m: expected a list of length 3"),
         (replace(MOVE, pos_ned_m=np.zeros(3)), "such as tuple(array.tolist())"),
@@ -331,6 +332,9 @@ START: Any = Returns()
         (Plan(START, inputs=(UWB,)), "names sensor/uwb, which no behaviour of this action gets; there are"),
         (Plan(START, capture=CAPTURE), "declare the Action with takes_pictures=True"),
         (Plan(START, rate_hz=-1.0), "rate_hz is -1"),
+        (Plan(START, rate_hz=0.0), "rate_hz is 0: give setpoints per second, or None"),
+        (Plan(START, rate_hz=inf), "rate_hz is inf"),
+        (Plan(START, rate_hz=nan), "rate_hz is nan"),
         (Plan(START, override=("everything",)), "override[0]: there is no value 'everything'"),  # type: ignore[arg-type]
         (Plan(START, warning=5), "warning: expected a text, not a whole number"),  # type: ignore[arg-type]
     ],

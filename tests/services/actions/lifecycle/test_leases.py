@@ -5,10 +5,12 @@ from itertools import pairwise
 from typing import Any
 
 import msgspec
+from msgspec.structs import replace
 
 from jezero.base.frames import Vec3, subtract
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
-from jezero.runtime.service import Inbox, Output, Publish, Reply, Spec
+from jezero.runtime.node import Mailbox
+from jezero.runtime.service import Call, Inbox, Output, Publish, Reply, Response, Spec
 from jezero.schemas import topics
 from jezero.schemas.actions import Cancel, Result
 from jezero.schemas.commands import Setpoint
@@ -16,8 +18,11 @@ from jezero.schemas.estimate import Lease, LeaseReply, Relative
 from jezero.schemas.goals import LandOnSpotGoal
 from jezero.schemas.rows import Endpoint
 from jezero.services.actions.config import ActionsConfig
+from jezero.services.actions.lifecycle.leases import SelectionLease
+from jezero.services.actions.motion.behaviour import Selection
 from jezero.services.actions.table import action_server
 from tests.services.actions.fake_bridge import FakeBridge
+from tests.services.actions.lifecycle.test_vehicle_view import relative_estimate
 
 ROVER_NED_M: Vec3 = (3.0, 0.0, 0.0)
 LAND = LandOnSpotGoal(goal_id="g")
@@ -173,3 +178,104 @@ def test_an_estimator_that_selects_and_serves_no_lease_is_told_what_to_publish()
     assert result.outcome == "aborted"
     assert "did not lease the landing's selection of sensors" in result.reason
     assert "an estimator with fixed inputs publishes `selects` = false" in result.reason
+
+
+# -- step by step --
+
+MS = 1_000_000
+SELECTION = Selection(use_uwb=True, use_tag=False, pos_rover_ned_m=(1.0, 2.0, 0.0))
+
+
+class Steps:
+    """A lease whose estimator is played by the test."""
+
+    def __init__(self, selection: Selection = SELECTION) -> None:
+        self.lease = SelectionLease("g", selection)
+        self.inbox = Mailbox(())
+
+    def renew(self, at_ms: int, shift_ned_m: Vec3 = (0.0, 0.0, 0.0)) -> Call | None:
+        """The call to the estimator at a time, if there is one."""
+        outputs = list(self.lease.renew(at_ms * MS, self.inbox, shift_ned_m))
+        self.inbox.clear()
+        assert all(isinstance(output, Call) for output in outputs) and len(outputs) < 2
+        return outputs[0] if outputs else None  # type: ignore[return-value]
+
+    def respond(self, call: Call | None, reply: LeaseReply | None, error: str | None = None) -> None:
+        assert call is not None
+        self.inbox.responses.append(Response(call.tag, reply, error))
+
+    def reason(self) -> str:
+        """Why the goal may not use an estimate of the estimator's own selection; "" when it may use it."""
+        checked = self.lease.checked(replace(relative_estimate(), goal_id="", selects=True))
+        assert (checked.valid, checked.fused_t_ns) == (False, 0)
+        return checked.reason
+
+
+ACCEPTED, REFUSED = LeaseReply(accepted=True), LeaseReply(accepted=False, reason="another goal holds it")
+
+
+def test_a_lease_is_renewed_once_a_second_and_soon_after_a_refusal() -> None:
+    steps = Steps()
+    call = steps.renew(0)
+    steps.respond(call, ACCEPTED)
+    assert [steps.renew(at_ms) for at_ms in (10, 500, 990)] == [None] * 3
+    call = steps.renew(1000)
+    steps.respond(call, REFUSED)
+    assert [steps.renew(at_ms) for at_ms in (1010, 1150)] == [None] * 2
+    call = steps.renew(1250)
+    steps.respond(call, ACCEPTED)
+    assert [steps.renew(at_ms) for at_ms in (1260, 1500, 2200)] == [None] * 3
+    call = steps.renew(2260)
+    assert steps.renew(3200) is None
+    steps.respond(call, REFUSED)
+    assert steps.renew(3210) is None, "the refusal comes late"
+    assert steps.renew(3270) is not None, "and puts the next call off by nothing"
+
+
+def test_a_lease_asks_for_the_goals_selection_at_the_rovers_position_in_the_present_frame() -> None:
+    call = Steps().renew(0, (0.5, 0.0, 0.1))
+    assert call is not None
+    assert call.payload == Lease(goal_id="g", use_uwb=True, use_tag=False, pos_rover_ned_m=(1.5, 2.0, 0.1))
+    call = Steps(replace(SELECTION, pos_rover_ned_m=None)).renew(0, (0.5, 0.0, 0.1))
+    assert call is not None
+    assert call.payload == Lease(goal_id="g", use_uwb=True, use_tag=False)
+
+
+def test_until_its_lease_is_accepted_a_goal_knows_why_it_may_not_use_the_estimate() -> None:
+    steps = Steps()
+    assert steps.reason() == "the estimator has not replied yet"
+    call = steps.renew(0)
+    assert call is not None and call.timeout_s < 1.1, "before the next call"
+    steps.respond(call, None, "timeout")
+    steps.renew(1000)
+    assert "did not lease the landing's selection of sensors: timeout" in steps.reason()
+    steps.respond(call, ACCEPTED)
+    second = steps.renew(1100)
+    assert "timeout" in steps.reason(), "the first call's reply doesn't count any more"
+    assert second is None
+    call = steps.renew(2200)
+    steps.respond(call, REFUSED)
+    steps.renew(2210)
+    assert steps.reason() == "the estimator refused the selection: another goal holds it"
+    call = steps.renew(2500)
+    steps.respond(call, ACCEPTED)
+    steps.renew(2510)
+    assert steps.reason() == "the estimator doesn't use this goal's selection yet"
+
+
+def test_an_estimate_of_the_goals_selection_or_of_an_estimator_that_does_not_select_is_used_as_it_is() -> None:
+    lease = SelectionLease("g", SELECTION)
+    for estimate in (
+        replace(relative_estimate(), goal_id="g", selects=True),
+        replace(relative_estimate(), goal_id="", selects=False),
+    ):
+        assert lease.checked(estimate) == estimate
+
+
+def test_only_a_lease_that_was_asked_for_is_ended() -> None:
+    steps = Steps()
+    assert list(steps.lease.end(0)) == []
+    steps.renew(0)
+    (end,) = steps.lease.end(5 * MS)
+    assert isinstance(end, Call)
+    assert end.payload == Lease(goal_id="g", use_uwb=True, use_tag=False, release=True)

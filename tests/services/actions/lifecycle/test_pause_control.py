@@ -111,6 +111,42 @@ def test_the_deceleration_of_a_pause_and_the_acceleration_after_it_are_fed_forwa
     assert flown.moves[-1].acc_ned_mps2 == pytest.approx((0.0, 0.0, 0.0))
 
 
+def test_a_frozen_server_brakes_no_more_than_in_one_long_step_and_a_clock_that_goes_back_changes_nothing() -> None:
+    """2 m/s at 1 m/s²: half of the speed is left after a second, and no less than 0.9 of it after 5 s in one step."""
+    flown = Flown(North())
+    flown.run(1.0)
+    flown.pause.wanted = True
+    flown.t_ns += 5 * S - DT_NS
+    flown.run(0.02)
+    assert 0.9 < flown.pause.rate < 1.0
+    flown.run(0.5)
+    rate, behind_ns = flown.pause.rate, flown.pause.behind_ns
+    flown.t_ns -= S
+    flown.run(0.02)
+    assert (flown.pause.rate, flown.pause.behind_ns) == (rate, behind_ns)
+
+
+class Turns(Circle):
+    """Turns on the spot."""
+
+    def step(self, t_ns: int, state: VehicleState) -> Move | Done:
+        feedback = MoveFeedback(pos_uav_ned_m=state.pos_uav_ned_m, distance_m=0.0)
+        return Move(Phase.ACTION, feedback, vel_ned_mps=(0.0, 0.0, 0.0), yaw_rad=0.0, yaw_rate_rps=0.4)
+
+
+def test_a_goal_that_stands_is_paused_after_half_a_second_and_its_turn_slows_down_meanwhile() -> None:
+    flown = Flown(Turns())
+    flown.run(1.0)
+    assert flown.moves[-1].yaw_rate_rps == 0.4
+    flown.pause.wanted = True
+    flown.run(0.26)
+    assert flown.moves[-1].yaw_rate_rps == pytest.approx(0.2, abs=0.02)
+    assert flown.pause.rate == pytest.approx(0.5, abs=0.05)
+    flown.run(0.3)
+    assert flown.pause.paused
+    assert flown.moves[-1].yaw_rate_rps == 0.0
+
+
 class Touchdown(Circle):
     """The same, which can't be paused from one of its own times to another."""
 
@@ -164,6 +200,29 @@ def test_in_a_moving_frame_it_hovers_along_with_the_frame() -> None:
     assert after.pos_ned_m == pytest.approx(add(before.pos_ned_m, (0.5, 0.0, 0.0)))
 
 
+class Follows(Circle):
+    """Flies north at 2 m/s in a frame that accelerates to the east at 0.3 m/s², and is at 0.5 m/s there."""
+
+    def step(self, t_ns: int, state: VehicleState) -> Move | Done:
+        frame = MovingFrame((0.0, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.3, 0.0))
+        feedback = MoveFeedback(pos_uav_ned_m=state.pos_uav_ned_m, distance_m=0.0)
+        return Move(Phase.ACTION, feedback, vel_ned_mps=(2.0, 0.5, 0.0), acc_ned_mps2=(0.4, 0.3, 0.0), frame=frame)
+
+
+def test_a_pause_in_a_moving_frame_slows_down_the_flight_and_not_the_frame() -> None:
+    """2 m/s in the frame at 1 m/s²: half of the speed after a second, with 0.5² of the path's own acceleration."""
+    flown = Flown(Follows())
+    flown.run(1.0)
+    flown.pause.wanted = True
+    flown.run(1.0)
+    assert flown.moves[-1].vel_ned_mps == pytest.approx((1.0, 0.5, 0.0), abs=0.03)
+    assert flown.moves[-1].acc_ned_mps2 == pytest.approx((0.25 * 0.4 - 1.0, 0.3, 0.0), abs=0.03)
+    flown.run(1.1)
+    assert flown.pause.paused
+    assert flown.moves[-1].vel_ned_mps == pytest.approx((0.0, 0.5, 0.0))
+    assert flown.moves[-1].acc_ned_mps2 == pytest.approx((0.0, 0.3, 0.0))
+
+
 class BrokenHover(Circle):
     """Has a hover of its own, which raises."""
 
@@ -189,9 +248,15 @@ def test_a_hover_of_its_own_that_raises_aborts_the_goal() -> None:
 class HoversItself(North):
     """Has a hover of its own, which climbs."""
 
+    def __init__(self, climb_mps: float = 1.0) -> None:
+        super().__init__()
+        self.climb_mps = climb_mps
+        self.steps_s: list[float] = []
+
     def hold(self, t_ns: int, dt_s: float, state: VehicleState) -> Move:
+        self.steps_s.append(dt_s)
         feedback = MoveFeedback(pos_uav_ned_m=state.pos_uav_ned_m, distance_m=0.0)
-        return Move(Phase.ACTION, feedback, vel_ned_mps=(0.0, 0.0, -1.0))
+        return Move(Phase.ACTION, feedback, vel_ned_mps=(0.0, 0.0, -self.climb_mps))
 
 
 def test_the_velocity_of_a_hover_of_its_own_decays_when_the_goal_goes_on() -> None:
@@ -208,6 +273,32 @@ def test_the_velocity_of_a_hover_of_its_own_decays_when_the_goal_goes_on() -> No
     assert climbs_mps[0] == pytest.approx(1.0 - DT_NS / S)
     assert max(steps_mps) <= DT_NS / S + 1e-9, "with 1 m/s², as the goal brakes"
     assert climbs_mps[-1] == 0.0
+
+
+def test_a_fast_hover_of_its_own_decays_on_after_the_goal_is_at_full_speed_again() -> None:
+    """The goal needs two seconds to its 2 m/s, and the climb of 4 m/s four seconds to rest: 1 m/s after three."""
+    flown = Flown(HoversItself(climb_mps=4.0))
+    flown.run(2.0)
+    flown.pause.wanted = True
+    flown.run(3.0)
+    assert flown.pause.paused
+    flown.pause.wanted = False
+    flown.run(3.0)
+    assert flown.pause.rate == 1.0
+    assert flown.moves[-1].vel_ned_mps == pytest.approx((2.0, 0.0, -1.0), abs=0.05)
+    flown.run(1.5)
+    assert flown.moves[-1].vel_ned_mps == (2.0, 0.0, 0.0)
+
+
+def test_a_hover_of_its_own_gets_the_time_of_each_step_and_of_a_frozen_server_no_more_than_a_moment() -> None:
+    hover = HoversItself()
+    flown = Flown(hover)
+    flown.pause.wanted = True
+    flown.run(3.0)
+    assert hover.steps_s[-1] == pytest.approx(DT_NS / S)
+    flown.t_ns += 5 * S
+    flown.run(0.02)
+    assert 0.0 < hover.steps_s[-1] < 0.5
 
 
 @pytest.mark.parametrize("age_s", [0.0, 0.2])

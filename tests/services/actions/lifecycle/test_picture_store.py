@@ -1,5 +1,6 @@
 """Which pictures stay on the disk, and for how long."""
 
+import gc
 from collections.abc import Callable
 from pathlib import Path
 
@@ -41,6 +42,33 @@ def test_pictures_of_an_earlier_run_are_deleted(tmp_path: Path) -> None:
     assert not there(PictureStore(tmp_path), "a")
 
 
+def test_a_temporary_folder_is_deleted_with_its_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    store = PictureStore()
+    store.keep(picture("a", 0))
+    assert there(store, "a") and list(tmp_path.iterdir())
+    del store
+    gc.collect()
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_given_folder_outlives_its_store(tmp_path: Path) -> None:
+    store = PictureStore(tmp_path)
+    store.keep(picture("a", 0))
+    del store
+    gc.collect()
+    assert [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+def test_a_picture_that_the_disk_has_spoiled_is_none_and_the_reason_says_so(tmp_path: Path) -> None:
+    store = PictureStore(tmp_path)
+    store.keep(picture("a", 3))
+    (file,) = (path for path in tmp_path.rglob("*") if path.is_file())
+    file.write_bytes(b"spoiled")
+    assert not there(store, "a", 3)
+    assert "picture 3 of goal a can't be read" in store.get("a", 3).reason
+
+
 def test_pictures_that_wait_for_the_disk_are_served_and_limited(tmp_path: Path) -> None:
     work: list[Callable[[], None]] = []
     store = PictureStore(tmp_path, execute=work.append, unwritten_max_bytes=3500)
@@ -54,6 +82,13 @@ def test_pictures_that_wait_for_the_disk_are_served_and_limited(tmp_path: Path) 
         write()
     store.keep(picture("a", 2))
     assert there(store, "a", 2)
+
+
+def test_at_most_64_megabytes_wait_in_memory_for_a_busy_disk(tmp_path: Path) -> None:
+    store = PictureStore(tmp_path, execute=lambda work: None)
+    store.keep(ImageReply(goal_id="a", index=0, pixels=bytes(60_000_000)))
+    with pytest.raises(OSError, match="the disk doesn't keep up"):
+        store.keep(ImageReply(goal_id="a", index=1, pixels=bytes(10_000_000)))
 
 
 def test_a_disk_that_fails_late_is_named_with_the_next_picture_of_the_same_goal_alone(tmp_path: Path) -> None:

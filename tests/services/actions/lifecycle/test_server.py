@@ -5,9 +5,10 @@ from typing import Any, Literal
 
 import msgspec
 import pytest
+from msgspec.structs import replace
 
 from jezero.base.codec import decode
-from jezero.base.frames import ned_from_geodetic
+from jezero.base.frames import Vec3, ned_from_geodetic
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.runtime.node import Node
 from jezero.schemas import topics
@@ -26,6 +27,8 @@ from jezero.schemas.goals import Goal, GoToGoal, LandOnSpotGoal, MoveFeedback, M
 from jezero.schemas.state import StatusCode
 from jezero.schemas.topics import ACTIONS
 from jezero.services.actions.table import action_server
+from tests.services.actions.lifecycle.bench import HOVER, ODOMETRY_HOVERING, Bench, Hovers, published, replies
+from tests.services.actions.lifecycle.test_vehicle_view import relative_estimate
 from tests.services.actions.rig import CONFIG, FAR, World
 
 
@@ -423,3 +426,36 @@ def test_a_goal_that_names_no_field_is_refused_with_what_to_write(
 @pytest.mark.parametrize(("data", "parameters"), [(b"", {"goal_id": "g"}), (b'{"goal_id": "g"}', {})])
 def test_a_goal_id_is_enough_of_a_field(name: str, data: bytes, parameters: dict[str, str]) -> None:
     assert replies_to(name, data, parameters) == []
+
+
+# -- flying: which state gives a setpoint --
+
+
+def test_each_new_estimate_of_the_rover_gives_a_setpoint_and_a_request_alone_gives_none() -> None:
+    bench = Bench(topics.LAND_ON_SPOT)
+    spot = LandOnSpotGoal(use_uwb=False, use_tag=False, landing_spot_ned_m=(6.0, 0.0, 0.0), goal_id="down")
+    assert len(published(bench.fly(spot), topics.SETPOINT)) == 1
+    bench.request(GetRunning())
+    assert not published(bench.step_alone(0.015), topics.SETPOINT)
+    bench.inbox.add_message(topics.RELATIVE.name, replace(relative_estimate(), t_ns=bench.t_ns))
+    assert len(published(bench.step_alone(0.001), topics.SETPOINT)) == 1
+    assert len(published(bench.step_alone(0.025), topics.SETPOINT)) == 1, "without a new state after 20 ms"
+
+
+@pytest.mark.parametrize(("rate_hz", "setpoints"), [(None, 0), (200.0, 1)])
+def test_a_plan_may_ask_for_more_setpoints_than_there_are_states(rate_hz: float | None, setpoints: int) -> None:
+    bench = Bench(HOVER, Hovers({"rate_hz": rate_hz}))
+    bench.fly(FAR)
+    assert len(published(bench.step_alone(0.006), topics.SETPOINT)) == setpoints
+    assert len(published(bench.step(0.02), topics.SETPOINT)) == 1
+
+
+@pytest.mark.parametrize(
+    ("frame", "pos_ned_m"), [("world", ODOMETRY_HOVERING.pos_uav_ned_m), ("rover", (1.0, 2.0, -3.0))]
+)
+def test_feedback_in_the_world_has_the_autopilots_position_and_that_relative_to_the_rover_is_left_as_it_is(
+    frame: str, pos_ned_m: Vec3
+) -> None:
+    bench = Bench(HOVER, Hovers(frame=frame))
+    (feedback,) = replies(bench.fly(FAR) + bench.step(0.1), Feedback)
+    assert feedback.feedback.pos_uav_ned_m == pos_ned_m

@@ -68,6 +68,14 @@ def test_an_action_that_declares_it_points_the_camera() -> None:
     assert set(world.camera.pitches_rad) == {-0.5}
 
 
+def test_the_camera_gets_its_pitch_less_often_than_the_vehicle_its_setpoints() -> None:
+    """The goal lasts a second, with fifty setpoints."""
+    world = World(points_camera=True)
+    world.end(-0.5)
+    assert CAMERA_PITCH.rate_hz is not None
+    assert 0.7 * CAMERA_PITCH.rate_hz < len(world.camera.pitches_rad) < 1.1 * CAMERA_PITCH.rate_hz
+
+
 @pytest.mark.parametrize(
     ("points_camera", "pitch_rad", "sentence"),
     [

@@ -1,8 +1,9 @@
 """Ends of goals before their time: canceled, with their client, without their bridge or vehicle, and in any order."""
 
 from collections.abc import Callable
+from itertools import pairwise
 from math import isfinite
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 import pytest
@@ -13,12 +14,14 @@ from jezero.base.codec import decode, encode
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, Cancel, Rejected, Result
-from jezero.schemas.commands import Setpoint
+from jezero.schemas.commands import Release, ReleaseReply, Setpoint
 from jezero.schemas.goals import GoToGoal
 from jezero.schemas.state import Status, StatusCode
 from jezero.services.actions.config import ActionsConfig
+from jezero.services.actions.motion.behaviour import Done
 from jezero.services.actions.table import action_server
 from tests.services.actions.fake_bridge import FakeBridge
+from tests.services.actions.lifecycle.bench import HOVER, Bench, Hovers, calls, published, replies
 from tests.services.actions.rig import FAR, World
 
 # -- canceled, or with their client --
@@ -111,6 +114,8 @@ def test_a_goal_that_nobody_can_watch_over_says_so() -> None:
     assert "on_client_loss has no effect" in unnamed.replies[0].warning
     assert world.bus.run_for(0.1) is False
     assert isinstance(named.replies[0], Accepted)
+    watched = World().flying(goal, "me")
+    assert watched.replies[0].warning == ""
 
 
 # -- without control, bridge or vehicle, or without a reply to their release --
@@ -179,6 +184,18 @@ def test_lost_odometry_aborts_after_half_a_second_and_releases() -> None:
     result = world.end(goal, 0.7)
     assert (result.outcome, result.reason) == ("aborted", "the vehicle's position is unknown: no odometry for 0.5 s")
     assert world.bridge.releases[0].outcome == "aborted"
+
+
+def test_setpoints_go_on_25_times_a_second_while_odometry_is_late() -> None:
+    """The autopilot ends the flight without them."""
+    world = World()
+    world.flying()
+    world.bridge.mute_odometry = True
+    muted_ns = world.bus.t_ns
+    world.bus.run_for(0.45)
+    times_ns = [muted_ns, *(setpoint.t_ns for setpoint in world.bridge.setpoints if setpoint.t_ns > muted_ns)]
+    assert world.bus.t_ns - times_ns[-1] < 60_000_000
+    assert max(after - before for before, after in pairwise(times_ns)) < 60_000_000
 
 
 def test_no_setpoint_follows_the_loss_of_control() -> None:
@@ -320,3 +337,88 @@ def test_a_second_cancel_reads_that_the_goal_is_ending_already() -> None:
     assert not goal.ended
     assert [each.replies[0].canceled for each in (first, second)] == [True, False]
     assert second.replies[0].reason == "the goal is ending already"
+
+
+# -- step by step: the release --
+
+
+@pytest.mark.parametrize(
+    ("case", "reason"),
+    [
+        ("hovers", "canceled by a client"),
+        ("in charge", "canceled by a client; not yet"),
+        ("old status", "canceled by a client; not yet"),
+    ],
+)
+def test_a_refused_release_counts_as_carried_out_only_by_a_new_status_without_the_goal_in_charge(
+    case: str, reason: str
+) -> None:
+    bench = Bench()
+    bench.fly(FAR)
+    bench.request(Cancel(goal_id="far"))
+    bench.step()
+    outputs = bench.step()
+    assert calls(outputs, Release)
+    bench.respond(outputs, None, "timeout")
+    bench.step()
+    second = bench.step(0.3)
+    assert calls(second, Release)
+    bench.take_control()
+    if case == "in charge":
+        bench.give_control(StatusCode.HOVER)
+    bench.step()
+    bench.respond(second, ReleaseReply(released=False, code=int(StatusCode.HOVER), reason="not yet"))
+    outputs = bench.step_alone(1.1) if case == "old status" else bench.step()
+    (result,) = replies(outputs, Result)
+    assert (result.outcome, result.reason) == ("canceled", reason)
+
+
+@pytest.mark.parametrize(
+    ("then", "code", "outcome"),
+    [
+        ("hover", StatusCode.HOVER, "succeeded"),
+        ("hover", StatusCode.IDLE, "aborted"),
+        ("disarm", StatusCode.IDLE, "succeeded"),
+        ("disarm", StatusCode.HOVER, "aborted"),
+    ],
+)
+def test_a_success_whose_reply_was_lost_is_one_only_in_the_state_that_it_wanted(
+    then: Any, code: StatusCode, outcome: str
+) -> None:
+    bench = Bench(HOVER, hovers := Hovers())
+    bench.fly(FAR)
+    hovers.done = Done("succeeded", then=then)
+    outputs = bench.step()
+    bench.respond(outputs, None, "timeout")
+    bench.step()
+    second = bench.step(0.3)
+    assert calls(second, Release)
+    bench.take_control(code)
+    bench.respond(second, ReleaseReply(released=False, code=int(code), reason="another state"))
+    (result,) = replies(bench.step(), Result)
+    assert (result.outcome, result.reason) == (outcome, "" if outcome == "succeeded" else "another state")
+
+
+@pytest.mark.parametrize(("outcome", "streams"), [("succeeded", True), ("aborted", False)])
+def test_setpoints_go_on_until_the_bridge_confirms_a_success_and_end_with_anything_else(
+    outcome: Any, streams: bool
+) -> None:
+    bench = Bench(HOVER, hovers := Hovers())
+    bench.fly(FAR)
+    hovers.done = Done(outcome)
+    assert calls(bench.step(), Release)
+    setpoints = [len(published(bench.step(), topics.SETPOINT)) for _ in range(10)]
+    assert setpoints == [int(streams)] * 10
+    bench.take_control()
+    assert not published(bench.step(), topics.SETPOINT), "another is in charge"
+
+
+@pytest.mark.parametrize(("then", "least_s", "most_s"), [("hover", 4.0, 8.0), ("disarm", 9.0, 15.0)])
+def test_a_disarm_is_awaited_longer_than_a_hover_before_its_release_is_sent_again(
+    then: Any, least_s: float, most_s: float
+) -> None:
+    bench = Bench(HOVER, hovers := Hovers())
+    bench.fly(FAR)
+    hovers.done = Done("succeeded", then=then)
+    (call,) = calls(bench.step(), Release)
+    assert least_s < call.timeout_s < most_s

@@ -1,23 +1,34 @@
 """Changes of goals that are flown, against a bridge with a point mass, on the bus in virtual time."""
 
+import dataclasses
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from jezero.base.frames import distance, norm
 from jezero.runtime.service import BackgroundTask, CancelTask, Output, Reply, Response
 from jezero.schemas import topics
-from jezero.schemas.actions import Cancel, Feedback, GetRunning, Modify, ModifyReply, Pause
-from jezero.schemas.goals import AreaCoverageGoal, GetImagesGoal, GoToGoal, LandOnSpotGoal, TakeoffGoal
+from jezero.schemas.actions import Cancel, Feedback, GetRunning, Modify, ModifyReply, Pause, Result, Resume, RunningGoal
+from jezero.schemas.fence import Fence, FenceState, Zone
+from jezero.schemas.goals import (
+    AreaCoverageGoal,
+    GetImagesGoal,
+    GoToGoal,
+    LandOnSpotGoal,
+    TakeoffGoal,
+)
 from jezero.schemas.rows import Action
-from jezero.schemas.state import Status, StatusCode
+from jezero.schemas.state import Battery, Status, StatusCode
 from jezero.schemas.topics import AREA_COVERAGE, STATUS
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.lifecycle.server import Modification
-from jezero.services.actions.motion.behaviour import Plan, Preparation, Prepared, VehicleState
+from jezero.services.actions.lifecycle.server import Modification, changed_goal
+from jezero.services.actions.motion.behaviour import Plan, Preparation, Prepared, Refusal, VehicleState
+from jezero.services.actions.motion.capture import Capture
 from tests.services.actions.fake_camera import FakeCamera
+from tests.services.actions.lifecycle.bench import HOVER, Bench, Hovers, S, published, replies
 from tests.services.actions.lifecycle.test_server_pause import assert_continuous, request
-from tests.services.actions.rig import FAR, World
+from tests.services.actions.rig import CONFIG, FAR, World
 
 
 def modify(world: World, goal_id: str, action: Action[Any] = topics.GO_TO, **fields: Any) -> ModifyReply:
@@ -257,3 +268,178 @@ def test_a_change_is_planned_again_when_a_picture_comes_while_it_is_planned() ->
     outputs = list(change.step(3_000, run))
     assert [output.payload for output in outputs if isinstance(output, Reply)] == [ModifyReply(modified=True)]
     assert (run.planned_with, run.in_force) == ([0, 1], 1)
+
+
+# -- step by step: what refuses a change, and what ends it --
+
+HOVER_CHANGES = dataclasses.replace(HOVER, changeable=("speed_mps",))
+SLOWER = Modify(goal_id="far", fields={"speed_mps": 1.0})
+
+
+def reply_to_change(bench: Bench, change: Modify, *, within_s: float = 3.0) -> ModifyReply:
+    """The reply to a change of a goal, while the vehicle hovers."""
+    bench.request(change)
+    for _ in range(round(within_s / 0.02)):
+        if found := replies(bench.step(), ModifyReply):
+            reply: ModifyReply = found[0]
+            return reply
+    raise AssertionError("no reply to the change")
+
+
+def test_a_change_that_the_goal_can_not_stop_for_any_more_is_refused_and_the_goal_goes_on() -> None:
+    """The goal would stop within half a second."""
+    bench = Bench(HOVER_CHANGES, Hovers(pause_refusal=lambda t_ns: "it touches down" if t_ns > 10.2 * S else ""))
+    bench.fly(FAR)
+    assert reply_to_change(bench, SLOWER) == ModifyReply(modified=False, reason="it touches down")
+    (feedback, *_) = replies(bench.step(0.1), Feedback)
+    assert (feedback.changes, feedback.paused) == (0, False)
+    assert reply_to_change(bench, SLOWER, within_s=0.02).reason == "it touches down", "the next one at once"
+
+
+def test_a_change_is_refused_by_the_check_of_the_inputs_of_its_plan() -> None:
+    bench = Bench(HOVER_CHANGES, hovers := Hovers())
+    bench.fly(FAR)
+    hovers.fields["check_inputs"] = lambda state: "the rover is out of sight"
+    assert reply_to_change(bench, SLOWER) == ModifyReply(modified=False, reason="the rover is out of sight")
+    hovers.fields["check_inputs"] = lambda state: ""
+    assert reply_to_change(bench, SLOWER) == ModifyReply(modified=True)
+
+
+def test_after_a_pause_a_changed_goal_starts_at_its_own_time() -> None:
+    bench = Bench(HOVER_CHANGES, hovers := Hovers())
+    bench.fly(FAR)
+    bench.request(Pause(goal_id="far"))
+    for _ in range(250):
+        bench.step()
+    assert hovers.stepped_ns < bench.t_ns - 4 * S, "the goal's own time stands still in a pause"
+    bench.request(Resume(goal_id="far"))
+    assert reply_to_change(bench, SLOWER).modified
+    assert hovers.started_ns == pytest.approx(hovers.stepped_ns, abs=0.1 * S)
+
+
+def test_a_change_waits_for_the_pictures_that_were_requested_before() -> None:
+    capture = Capture(CONFIG.capture, CONFIG.vehicle.airframe, 4)
+    bench = Bench(dataclasses.replace(HOVER_CHANGES, takes_pictures=True), Hovers({"capture": capture}))
+    bench.fly(FAR)
+    assert reply_to_change(bench, SLOWER, within_s=1.0).modified
+    capture.request(0, bench.t_ns)
+    bench.request(SLOWER)
+    outputs = [output for _ in range(50) for output in bench.step()]
+    assert not replies(outputs, ModifyReply), "no picture has come yet"
+
+
+def test_a_second_change_waits_for_the_reply_to_the_first() -> None:
+    bench = Bench()
+    bench.fly(FAR)
+    first = bench.request(SLOWER)
+    bench.step()
+    second = reply_to_change(bench, Modify(goal_id="far", fields={"speed_mps": 2.0}), within_s=0.02)
+    assert second.reason == "the goal is being modified: send the request again in a moment"
+    outputs = [output for _ in range(100) for output in bench.step()]
+    assert [output.request_id for output in outputs if isinstance(output, Reply) and output.final] == [first]
+    assert replies(outputs, ModifyReply) == [ModifyReply(modified=True)]
+    assert reply_to_change(bench, SLOWER).modified
+
+
+def test_a_changed_flight_begins_at_the_setpoint_at_which_the_goal_has_stopped() -> None:
+    """The vehicle is behind: a way from its own position would be a jump."""
+    bench = Bench()
+    bench.fly(FAR)
+    setpoints = [each for _ in range(60) for each in published(bench.step(), topics.SETPOINT)]
+    assert setpoints[-1].pos_ned_m[0] > 0.3
+    assert reply_to_change(bench, Modify(goal_id="far", fields={"target_ned_m": (0.0, 9.0, -3.0)})).modified
+    bench.request(GetRunning())
+    outputs = bench.step()
+    (running,), (setpoint,) = replies(outputs, RunningGoal), published(outputs, topics.SETPOINT)
+    assert running.path_ned_m[0] == pytest.approx(setpoint.pos_ned_m, abs=0.02)
+    assert setpoint.pos_ned_m[0] > 0.3
+
+
+class PreparesChanges(Hovers):
+    """A planner whose changes need some work."""
+
+    def replan(self, goal: GoToGoal, status: Status, running: Any) -> Plan:
+        return Plan(Preparation(work=lambda state: int, start=lambda value: Prepared(self.start)))
+
+
+def test_the_work_for_a_change_ends_with_its_goal() -> None:
+    bench = Bench(HOVER_CHANGES, PreparesChanges())
+    bench.fly(FAR)
+    bench.request(SLOWER)
+    outputs = [output for _ in range(50) for output in bench.step()]
+    (tag,) = tasks(outputs)
+    bench.take_control()
+    outputs = bench.step()
+    assert CancelTask(tag) in outputs
+    assert replies(outputs, ModifyReply) == [ModifyReply(modified=False, reason="the goal has ended")]
+
+
+def test_a_change_of_a_goal_that_ends_meanwhile_gets_a_reply() -> None:
+    bench = Bench()
+    bench.fly(FAR)
+    bench.request(SLOWER)
+    bench.step()
+    bench.take_control()
+    outputs = bench.step()
+    assert replies(outputs, Result)
+    assert replies(outputs, ModifyReply) == [ModifyReply(modified=False, reason="the goal has ended")]
+
+
+def test_a_change_that_no_plan_could_have_is_refused_at_once_without_a_stop() -> None:
+    bench = Bench()
+    bench.fly(FAR)
+    beyond = Modify(goal_id="far", fields={"target_ned_m": (0.0, 0.0, -200.0)})
+    assert "beyond the limit of 120 m" in reply_to_change(bench, beyond, within_s=0.02).reason
+    for _ in range(3):
+        bench.step()
+    assert reply_to_change(bench, SLOWER).modified, "no other change is pending"
+
+
+def test_a_change_whose_way_leaves_the_fence_is_refused() -> None:
+    square = Zone(name="field", corners_ned_m=((-30.0, -30.0), (30.0, -30.0), (30.0, 30.0), (-30.0, 30.0)))
+    bench = Bench()
+    assert bench.status is not None
+    bench.status = replace(bench.status, fence_id="f")
+    bench.inbox.add_message(topics.FENCE.name, FenceState(t_ns=0, fence=Fence(keep_in=square), fence_id="f"))
+    bench.fly(FAR)
+    outside = Modify(goal_id="far", fields={"target_ned_m": (40.0, 0.0, -3.0)})
+    refused = reply_to_change(bench, outside)
+    assert not refused.modified and refused.reason.startswith("the way leaves the fence 'fence'")
+    assert reply_to_change(bench, Modify(goal_id="far", fields={"target_ned_m": (25.0, 0.0, -3.0)})).modified
+
+
+def test_a_change_is_checked_and_shown_where_the_autopilot_has_it_after_a_step_of_its_position() -> None:
+    """The fence begins 30 m to the north. The goal's points have moved north by 0.9 m since its start."""
+    bench = Bench()
+    assert bench.status is not None and bench.odometry is not None
+    wall = Zone(name="wall", corners_ned_m=((30.0, -50.0), (60.0, -50.0), (60.0, 50.0), (30.0, 50.0)))
+    bench.status = replace(bench.status, fence_id="f")
+    bench.inbox.add_message(topics.FENCE.name, FenceState(t_ns=0, fence=Fence(keep_out=(wall,)), fence_id="f"))
+    bench.fly(FAR)
+    bench.odometry = replace(
+        bench.odometry, pos_uav_ned_m=(0.9, 0.0, -3.0), reset_counter=1, reset_offset_ned_m=(0.9, 0.0, 0.0)
+    )
+    into = reply_to_change(bench, Modify(goal_id="far", fields={"target_ned_m": (29.5, 0.0, -3.0)}))
+    assert "wall" in into.reason
+    assert reply_to_change(bench, Modify(goal_id="far", fields={"target_ned_m": (28.5, 0.0, -3.0)})).modified
+    bench.request(GetRunning())
+    (running,) = replies(bench.step(), RunningGoal)
+    assert running.path_ned_m[-1] == pytest.approx((29.4, 0.0, -3.0))
+
+
+def test_a_change_to_a_flight_that_the_battery_does_not_hold_is_refused() -> None:
+    bench = Bench()
+    bench.fly(FAR)
+    assert bench.status is not None
+    bench.status = replace(bench.status, battery=Battery(voltage_v=15.0, remaining=0.1, critical=0.07))
+    refused = reply_to_change(bench, Modify(goal_id="far", fields={"target_ned_m": (400.0, 0.0, -3.0)}))
+    assert not refused.modified and refused.reason.startswith("the battery is too low")
+
+
+def test_an_action_whose_fields_can_not_change_says_so() -> None:
+    refusals = [changed_goal(HOVER, FAR, fields) for fields in ({}, {"speed_mps": 1.0}, {"sped_mps": 1.0})]
+    assert refusals[0] == Refusal("no field is given: while it is flown, no field of hover_a_while can change")
+    assert refusals[1] == Refusal(
+        "speed_mps can't change while the goal is flown: no field of hover_a_while can change"
+    )
+    assert isinstance(refusals[2], Refusal) and refusals[2].reason.startswith("hover_a_while: there is no field")

@@ -1,5 +1,6 @@
 """A goal that takes pictures, through its whole life, against a fake bridge and a fake camera in virtual time."""
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -8,12 +9,13 @@ import pytest
 
 from jezero.base.frames import Vec3
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
-from jezero.schemas.actions import Accepted, Feedback, Rejected, Result
-from jezero.schemas.commands import Phase
-from jezero.schemas.goals import GetImagesGoal, ImagesFeedback, ImagesResult
+from jezero.schemas.actions import Accepted, Cancel, Feedback, GetRunning, Pause, Rejected, Result, Resume
+from jezero.schemas.commands import Phase, Release
+from jezero.schemas.goals import GetImagesGoal, ImagesFeedback, ImagesResult, MoveFeedback
 from jezero.schemas.images import GetImage
 from jezero.schemas.rows import Action
 from jezero.schemas.state import Status
+from jezero.schemas.topics import SETPOINT
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.lifecycle.picture_store import PictureStore
 from jezero.services.actions.lifecycle.server import ActionServer
@@ -21,6 +23,8 @@ from jezero.services.actions.motion.behaviour import Done, Move, Plan, VehicleSt
 from jezero.services.actions.motion.capture import Capture
 from tests.services.actions.fake_bridge import FakeBridge
 from tests.services.actions.fake_camera import SIDE_PX, FakeCamera
+from tests.services.actions.lifecycle.bench import GRANTED, HOVER, Bench, Hovers, calls, published, replies
+from tests.services.actions.rig import FAR
 
 ACTION = Action("snap", GetImagesGoal, ImagesFeedback, ImagesResult, Phase.GET_IMAGES, takes_pictures=True)
 CONFIG = ActionsConfig()
@@ -115,6 +119,57 @@ def test_without_streaming_only_the_result_tells_of_pictures() -> None:
     result = world.end(answers)
     assert [image.index for image in result.result.images] == [0, 1]
     assert all(f.images == () for f in feedback_of(answers))
+
+
+def test_after_a_pause_the_missing_pictures_are_taken() -> None:
+    world = World()
+    answers = world.send(4)
+    assert world.bus.run_for(3.0, lambda: any(f.images for f in feedback_of(answers)))
+    world.bus.send_request(ACTION.pause, Pause(goal_id="g"))
+    world.bus.run_for(CONFIG.capture.late_max_s + 1.0)
+    assert feedback_of(answers)[-1].taken < 4
+    world.bus.send_request(ACTION.resume, Resume(goal_id="g"))
+    result = world.end(answers)
+    assert result.outcome == "succeeded", result.reason
+    assert [image.index for image in result.result.images] == [0, 1, 2, 3]
+
+
+def test_other_clients_read_the_pictures_of_a_goal_that_flies() -> None:
+    world = World()
+    answers = world.send(100)
+    assert world.bus.run_for(3.0, lambda: any(f.images for f in feedback_of(answers)))
+    read = world.bus.send_request(ACTION.running, GetRunning())
+    assert world.bus.run_for(0.1, lambda: read.ended)
+    assert [image.index for image in read.replies[0].images][:1] == [0]
+
+
+def hover_with_pictures() -> Bench:
+    """A bench whose goals may take four pictures, and report none."""
+    capture = Capture(CONFIG.capture, CONFIG.vehicle.airframe, 4)
+    return Bench(replace(HOVER, takes_pictures=True), Hovers({"capture": capture}))
+
+
+def test_a_goal_that_takes_pictures_may_report_something_else() -> None:
+    bench = hover_with_pictures()
+    (feedback,) = replies(bench.fly(FAR) + bench.step(0.1), Feedback)
+    assert isinstance(feedback.feedback, MoveFeedback)
+
+
+def test_an_action_that_may_take_pictures_flies_a_goal_that_takes_none() -> None:
+    bench = Bench(replace(HOVER, takes_pictures=True), Hovers())
+    assert published(bench.fly(FAR), SETPOINT)
+
+
+def test_a_goal_with_pictures_that_is_canceled_before_its_first_setpoint_is_released() -> None:
+    bench = hover_with_pictures()
+    bench.request(FAR)
+    bench.respond(bench.step(flies=False), GRANTED)
+    bench.request(Cancel(goal_id="far"))
+    bench.step(flies=False)
+    bench.give_control()
+    outputs = bench.step()
+    assert [call.payload.outcome for call in calls(outputs, Release)] == ["canceled"]  # type: ignore[attr-defined]
+    assert not published(outputs, SETPOINT) and not replies(outputs, Feedback)
 
 
 def test_without_a_camera_the_goal_is_refused() -> None:

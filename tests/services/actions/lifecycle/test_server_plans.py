@@ -5,13 +5,32 @@ from typing import Any
 
 import msgspec
 import pytest
+from msgspec.structs import replace
 
-from jezero.base.frames import distance
+from jezero.base.frames import Vec3, distance
 from jezero.schemas import topics
-from jezero.schemas.actions import Accepted, Feedback, PlanReply, Rejected, Result
+from jezero.schemas.actions import (
+    Accepted,
+    Cancel,
+    CancelReply,
+    Feedback,
+    GetResult,
+    GetRunning,
+    Pause,
+    PauseReply,
+    PlanReply,
+    Rejected,
+    Result,
+    ResultReply,
+    RunningGoal,
+)
 from jezero.schemas.goals import AreaCoverageGoal, GetImagesGoal, Goal, GoToGoal, LandOnSpotGoal, TakeoffGoal
+from jezero.schemas.sensors import Altimeter
 from jezero.schemas.state import Battery, StatusCode
+from jezero.services.actions.motion.behaviour import Done, Remaining
 from tests.services.actions.fake_camera import FakeCamera
+from tests.services.actions.lifecycle.bench import GRANTED, HOVER, Bench, Hovers, replies
+from tests.services.actions.lifecycle.test_vehicle_view import relative_estimate, rover_estimate
 from tests.services.actions.rig import CONFIG, FAR, World
 
 GROUND = (0.0, 0.0, 0.0)
@@ -118,6 +137,14 @@ def test_the_bridges_reason_comes_before_a_missing_input(goal: Goal) -> None:
     assert refused.reason == world.bridge.refuse
 
 
+def test_a_refused_plan_says_whether_an_input_is_missing_that_may_be_there_in_flight() -> None:
+    missing = plan(World(), CIRCLE)
+    assert (missing.accepted, missing.input_missing) == (False, True)
+    assert missing.reason.startswith("no pictures")
+    beyond = plan(World(), GoToGoal(target_ned_m=(0.0, 0.0, -200.0)))
+    assert (beyond.accepted, beyond.input_missing) == (False, False)
+
+
 def test_a_plan_says_what_the_battery_has_and_what_the_flight_takes_of_it() -> None:
     world = World()
     goal = GoToGoal(target_ned_m=(20.0, 0.0, -3.0))
@@ -177,6 +204,19 @@ def test_a_flight_that_is_planned_from_another_place_begins_in_a_hover_also_whil
     assert len(from_here) == 3 and from_here[0] == GROUND, "it takes off first"
 
 
+@pytest.mark.parametrize(
+    ("plan_from_ned_m", "reason"),
+    [
+        ((0.0, 0.0, -130.0), "altitude 130 m is beyond the limit of 120 m"),
+        ((600.0, 0.0, -8.0), "600 m from the origin"),
+    ],
+)
+def test_a_flight_is_not_planned_from_a_place_beyond_the_limits(plan_from_ned_m: Vec3, reason: str) -> None:
+    planned = plan(World(), GoToGoal(target_ned_m=(30.0, 0.0, -8.0), plan_from_ned_m=plan_from_ned_m))
+    assert (planned.accepted, planned.code) == (False, StatusCode.HOVER)
+    assert planned.reason.startswith("plan_from_ned_m: ") and reason in planned.reason
+
+
 def test_a_flight_is_planned_from_another_place_whatever_the_bridge_says_of_the_vehicle_here() -> None:
     world, goal = world_at((0.0, 0.0, -3.0)), CIRCLE
     world.bridge.refuse = "a person flies"
@@ -203,3 +243,57 @@ def test_a_goal_is_refused_when_the_autopilot_corrects_its_position_while_the_fl
     assert world.bus.run_for(5.0, lambda: request.ended)
     assert "send the goal again" in request.replies[-1].reason
     assert world.bridge.setpoints == []
+
+
+# -- step by step --
+
+
+def test_the_plan_of_a_goal_is_not_the_goal_itself_which_neither_runs_nor_can_be_canceled_meanwhile() -> None:
+    bench = Bench()
+    bench.request_plan(FAR)
+    call = bench.step(flies=False)
+    for payload in (GetResult(goal_id="far"), GetRunning(), Pause(goal_id="far"), Cancel(goal_id="far")):
+        bench.request(payload)
+    outputs = bench.step(flies=False)
+    assert not replies(outputs, ResultReply)
+    assert [running.goal_id for running in replies(outputs, RunningGoal)] == [""]
+    unknown = "no goal far is known to go_to"
+    assert replies(outputs, PauseReply) == [PauseReply(paused=False, reason=unknown)]
+    assert replies(outputs, CancelReply) == [CancelReply(canceled=False, reason=unknown)]
+    bench.respond(call, GRANTED)
+    assert [planned.accepted for planned in replies(bench.step(flies=False), PlanReply)] == [True]
+
+
+def test_the_plan_of_a_goal_that_would_end_at_once_is_refused_with_its_reason() -> None:
+    for done, reason in (
+        (Done("aborted", "there is nothing to do"), "there is nothing to do"),
+        (Done("succeeded"), "the goal would end at once"),
+    ):
+        bench = Bench(HOVER, Hovers(done=done))
+        bench.request_plan(FAR)
+        bench.respond(bench.step(flies=False), GRANTED)
+        (reply,) = replies(bench.step(flies=False), PlanReply)
+        assert (reply.accepted, reply.reason) == (False, reason)
+
+
+@pytest.mark.parametrize(("hover_s", "counts_s"), [(None, 100.0), (150.0, 150.0)])
+def test_a_plan_counts_the_battery_of_the_hover_that_uses_as_much(hover_s: float | None, counts_s: float) -> None:
+    bench = Bench(HOVER, Hovers(rest=Remaining(100.0, 30.0, hover_s)))
+    bench.request_plan(FAR)
+    bench.respond(bench.step(flies=False), GRANTED)
+    (reply,) = replies(bench.step(flies=False), PlanReply)
+    assert (reply.accepted, reply.duration_s, reply.distance_m) == (True, 100.0, 30.0)
+    assert reply.code == StatusCode.HOVER
+    assert reply.battery_used == pytest.approx(CONFIG.vehicle.battery.used(counts_s))
+
+
+def test_the_plan_of_a_landing_waits_for_the_estimate_of_the_rover() -> None:
+    bench = Bench(topics.LAND_ON_SPOT)
+    bench.request_plan(LandOnSpotGoal())
+    bench.respond(bench.step(flies=False), GRANTED)
+    assert not replies(bench.step(), PlanReply) and not replies(bench.step(), PlanReply)
+    for topic, estimate in ((topics.RELATIVE, relative_estimate()), (topics.ROVER_ESTIMATE, rover_estimate())):
+        bench.inbox.add_message(topic.name, replace(estimate, t_ns=bench.t_ns))
+    bench.inbox.add_message(topics.ALTIMETER.name, Altimeter(t_ns=bench.t_ns, range_m=3.0))
+    (reply,) = replies(bench.step(), PlanReply)
+    assert reply.accepted and reply.duration_s is not None

@@ -12,7 +12,7 @@ from jezero.schemas.estimate import Relative, RoverEstimate
 from jezero.schemas.sensors import Altimeter
 from jezero.schemas.state import Battery, Odometry, StatusCode
 from jezero.schemas.topics import ALTIMETER, ODOMETRY, RELATIVE, ROVER_ESTIMATE, STATUS
-from jezero.services.actions.lifecycle.vehicle_view import VehicleView
+from jezero.services.actions.lifecycle.vehicle_view import VehicleView, hovering_at
 from jezero.services.actions.motion.behaviour import VehicleState
 from tests.services.actions.test_behaviours import a_status
 
@@ -144,6 +144,24 @@ def test_a_plan_from_elsewhere_supposes_a_vehicle_that_hovers_there() -> None:
     assert found.relative is not None
     assert found.relative.pos_uav_rel_rover_ned_m == pytest.approx((10.0, -2.0, -10.0)), "9 m, -2 m and -5 m farther"
     assert found.relative.vel_uav_rel_rover_ned_mps == (-0.5, 0.3, -0.1)
+
+
+def test_the_status_of_a_vehicle_that_is_supposed_to_hover_elsewhere_is_ready_to_fly_there() -> None:
+    moving = replace(HERE, vel_uav_ned_mps=(3.0, 0.0, 0.0), reset_counter=2)
+    standing = replace(a_status(StatusCode.IDLE), odometry=moving, ready=False, not_ready_reason="no GNSS")
+    supposed = hovering_at(standing, (10.0, 0.0, -8.0))
+    assert (supposed.code, supposed.name, supposed.armed, supposed.landed) == (3, "HOVER", True, False)
+    assert (supposed.ready, supposed.not_ready_reason) == (True, "")
+    assert supposed.odometry == replace(moving, pos_uav_ned_m=(10.0, 0.0, -8.0), vel_uav_ned_mps=(0.0, 0.0, 0.0))
+    assert hovering_at(replace(standing, odometry=None), (10.0, 0.0, -8.0)).odometry is None
+
+
+def test_a_plan_from_elsewhere_takes_the_position_of_the_status_until_odometry_comes() -> None:
+    there = VehicleView(1, None, (RELATIVE,), (10.0, 0.0, -8.0))
+    status = replace(a_status(StatusCode.HOVER), odometry=HERE)
+    found = state(there, {STATUS.name: status, RELATIVE.name: relative_estimate()})
+    assert found.relative is not None
+    assert found.relative.pos_uav_rel_rover_ned_m == pytest.approx((10.0, -2.0, -10.0)), "9 m, -2 m and -5 m farther"
 
 
 @pytest.mark.parametrize(
