@@ -78,9 +78,12 @@ def test_the_controller_hears_a_heartbeat_twice_a_second_from_the_start_on() -> 
     """Over USB, PX4 replies only to programs whose HEARTBEATs it receives."""
     exchange, codec, times_ms = ParameterExchange(), MavlinkCodec(1, 1), []
     exchange.read(["COM_OBL_RC_ACT"])
+    active_computer = (dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID, dialect.MAV_STATE_ACTIVE)
     for now_ms in range(0, 1500, 10):
-        sent = codec.parse(exchange.step(b"", now_ms * MS))
-        times_ms += [now_ms for message in sent if message.get_msgId() == dialect.MAVLINK_MSG_ID_HEARTBEAT]
+        for message in codec.parse(exchange.step(b"", now_ms * MS)):
+            assert message.get_msgId() == dialect.MAVLINK_MSG_ID_HEARTBEAT, "no controller is known that could reply"
+            assert (message.type, message.autopilot, message.system_status) == active_computer
+            times_ms.append(now_ms)
     assert times_ms == [0, 500, 1000]
 
 

@@ -102,6 +102,15 @@ def test_a_hover_that_is_pushed_out_keeps_its_point_inside() -> None:
     assert rig.autopilot.setpoints[-1].x == pytest.approx(0.0, abs=1e-3)
 
 
+def test_a_hover_inside_stays_where_it_is_also_near_the_edge() -> None:
+    rig = flying()
+    push_to(rig, 9.3)
+    assert rig.request(HOVER, Hover(hover_req=True, hover_pos=(9.3, 0.0, -2.0))).hover_mode
+    rig.run(5.0)
+    assert rig.status.code == StatusCode.HOVER
+    assert rig.autopilot.setpoints[-1].x == pytest.approx(9.3, abs=1e-3)
+
+
 def test_the_fence_is_published_once_a_second_and_at_once_when_the_vehicle_leaves_it() -> None:
     rig = flying()
 

@@ -28,6 +28,21 @@ def test_the_autopilots_fence_is_two_metres_wider_and_small_zones_to_stay_out_of
     assert max(north for north, _ in corners_m[4:]) == pytest.approx(10.0, abs=0.01)
 
 
+def test_of_a_zone_that_falls_apart_when_it_is_made_smaller_the_larger_part_stays() -> None:
+    """Two fields, 20 m and 12 m wide, with a strip of 2 m between them, which the margin of 2 m takes away."""
+    both = (
+        *((-10.0, -10.0), (10.0, -10.0), (10.0, -1.0), (30.0, -1.0), (30.0, -6.0), (42.0, -6.0)),
+        *((42.0, 6.0), (30.0, 6.0), (30.0, 1.0), (10.0, 1.0), (10.0, 10.0), (-10.0, 10.0)),
+    )
+    items = autopilot_items(Fence(keep_out=(Zone(name="fields", corners_ned_m=both),)), ORIGIN_DEG)
+    corners_m = [ned_from_geodetic((*corner, ORIGIN_DEG[2]), ORIGIN_DEG)[:2] for _, _, corner in items]
+    assert {command for command, _, _ in items} == {KEEP_OUT}
+    assert {count for _, count, _ in items} == {len(items)}, "one polygon"
+    for axis in (0, 1):
+        assert min(corner[axis] for corner in corners_m) == pytest.approx(-8.0, abs=0.01)
+        assert max(corner[axis] for corner in corners_m) == pytest.approx(8.0, abs=0.01)
+
+
 def exchange(bench: Bench, upload: FenceUpload) -> None:
     """Pass messages until neither side has one."""
     message = upload.due(0)

@@ -308,6 +308,40 @@ def test_the_critical_level_of_the_battery_is_requested_every_two_seconds_until_
     ]  # fmt: skip
     link.telemetry.battery_critical = 0.07
     assert link.request_battery_critical(6000 * ms) == b""
+    link.reset()
+    assert link.request_battery_critical(6020 * ms), "another autopilot"
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "critical"),
+    [
+        (b"BAT_CRIT_THR", 0.0, 0.0),
+        (b"BAT_CRIT_THR", 1.0, 1.0),
+        (b"BAT_CRIT_THR", 1.5, None),
+        (b"BAT_CRIT_THR", -0.1, None),
+        (b"BAT_CRIT_THR", nan, None),
+        (b"BAT_LOW_THR", 0.15, None),
+    ],
+)
+def test_a_share_of_the_battery_in_its_own_parameter_alone_is_its_critical_level(
+    name: bytes, value: float, critical: float | None
+) -> None:
+    link = AutopilotLink(1)
+    receive(link, dialect.MAVLink_param_value_message(name, value, dialect.MAV_PARAM_TYPE_REAL32, 1, 0))
+    assert link.telemetry.battery_critical == critical
+
+
+def test_the_version_of_a_real_flight_controller_is_requested_every_two_seconds_until_it_is_known() -> None:
+    link, ms = AutopilotLink(1, on_hardware=True), 1_000_000
+    begin_ms = 1000
+    assert [bool(link.request_version((begin_ms + at) * ms)) for at in (0, 20, 1980, 2000, 2020, 4000)] == [
+        True, False, False, True, False, True,
+    ]  # fmt: skip
+    nothing = [0] * 8
+    receive(link, dialect.MAVLink_autopilot_version_message(0, 1 << 24 | 15 << 16, 0, 0, 0, *[nothing] * 3, 0, 0, 0))
+    assert link.request_version(7000 * ms) == b""
+    link.reset()
+    assert link.request_version(7020 * ms), "another flight controller"
 
 
 def test_the_same_flight_gives_the_same_bytes() -> None:

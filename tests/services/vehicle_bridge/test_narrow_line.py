@@ -39,6 +39,17 @@ def test_four_a_second_are_too_few_but_not_before_the_controller_got_the_request
     assert rate.hz == pytest.approx(30.0, abs=1.0)
 
 
+@pytest.mark.parametrize(
+    ("hz", "round_trip_ms", "narrow"), [(22.0, 1, False), (17.0, 1, True), (50.0, 40, False), (50.0, 70, True)]
+)
+def test_a_line_is_too_narrow_below_20_hz_and_when_an_answer_takes_more_than_50_ms(
+    hz: float, round_trip_ms: int, narrow: bool
+) -> None:
+    rate = OdometryRate()
+    assert bool(run(rate, 0, 10, hz, round_trip_ms * MS)) is narrow
+    assert rate.narrow is narrow
+
+
 def test_a_line_that_is_full_is_too_narrow_also_where_enough_arrives() -> None:
     rate = OdometryRate()
     assert len(run(rate, 0, 10, 25.0, round_trip_ns=190 * MS)) == 1

@@ -91,6 +91,28 @@ def test_the_time_is_unknown_until_enough_replies_have_come(known_after: int) ->
         assert (controller.sync.offset is not None) is (number == known_after)
 
 
+def test_a_bridge_that_is_started_anew_knows_the_time_by_one_reply() -> None:
+    """After a second without setpoints the controller's failsafe would act."""
+    for kept, replies in ((None, 5), (KeptEpoch(7, 40 * S, 1000 * S), 1)):
+        clock = ControllerClock(1000, kept, lambda epoch: None)
+        controller = Controller(clock.sync)
+        controller.run(0.1 * replies - 0.1)
+        assert clock.due(controller.host_ns) is None
+        controller.run(0.1)
+        assert clock.due(controller.host_ns) is not None
+
+
+def test_the_last_ten_seconds_alone_give_the_drift() -> None:
+    controller = Controller(TimeSync(), rate=1.0)
+    controller.run(30.0)
+    controller.set(controller.now_ns)
+    controller.rate = 1.0 + 500e-6
+    controller.run(12.0)
+    assert controller.sync.jumps == 0
+    assert controller.sync.offset is not None
+    assert controller.sync.offset.rate == pytest.approx(1.0 + 500e-6, abs=30e-6)
+
+
 def test_a_slow_line_that_delays_most_replies_costs_little() -> None:
     controller = Controller(TimeSync(), rate=1.0 + 50e-6)
     controller.late_ns = 30 * MS
@@ -175,6 +197,27 @@ def test_the_epoch_changes_with_each_boot_and_outlives_the_bridge() -> None:
     controller.sync = third.sync
     controller.run(1.0)
     assert clock_of(controller, third) == 1002
+
+
+@pytest.mark.parametrize(
+    ("passed_s", "of_controller_s", "same"),
+    [
+        (5, 5.0, True),
+        (5, 4.2, True),
+        (5, 5.8, True),
+        (5, 2.0, False),
+        (100, 96.0, True),  # a slow simulation loses up to 4 % of this computer's time
+        (100, 104.0, True),
+        (100, 92.0, False),
+        (100, 108.0, False),
+        (-5, -5.0, False),  # this computer was started anew
+    ],
+)
+def test_a_controller_has_run_on_when_its_time_has_passed_as_this_computers(
+    passed_s: int, of_controller_s: float, same: bool
+) -> None:
+    kept = KeptEpoch(7, 40 * S, 900 * S)
+    assert kept.is_same_boot(40 * S + int(of_controller_s * S), (900 + passed_s) * S) is same
 
 
 def test_an_epoch_is_kept_in_a_file_and_a_broken_one_is_left_out(
