@@ -9,7 +9,7 @@ from jezero.base.fence import nearest
 from jezero.base.frames import Vec3, add, scale, subtract
 from jezero.base.vehicle_config import VehicleLimitsConfig
 from jezero.schemas.fence import Fence, Zone
-from jezero.services.vehicle_bridge.motion_limits import limited_target
+from jezero.services.vehicle_bridge.motion_limits import inward_target, limited_target
 from jezero.services.vehicle_bridge.vehicle import Target, VehicleSnapshot
 
 FIELD = Zone(name="field", corners_ned_m=((-20.0, -20.0), (20.0, -20.0), (20.0, 20.0), (-20.0, 20.0)))
@@ -97,6 +97,47 @@ def test_four_metres_per_second_are_limited_from_where_the_vehicle_can_just_stop
     limited, reason = limited_target(FENCE, LIMITS, speed(wanted), vehicle, floor_holds=True)
     assert limited.vel_ned_mps == pytest.approx(limited_to_mps or wanted, abs=0.001)
     assert bool(reason) is (limited_to_mps is not None)
+
+
+OUTSIDE, INSIDE = (10.0, 0.0, -3.0), (8.0, 0.0, -3.0)
+
+
+@pytest.mark.parametrize(
+    ("target", "inside_ned_m", "expected"),
+    [
+        (point((10.0, 0.0, -5.0)), INSIDE, point((9.0, 0.0, -5.0))),
+        (point((12.0, 0.0, -3.0)), INSIDE, point((9.0, 0.0, -3.0))),
+        (point((9.5, 0.0, -3.0)), INSIDE, point((9.0, 0.0, -3.0))),
+        (point((10.0, 0.0, -3.0)), (9.6, 0.0, -3.0), point((9.6, 0.0, -3.0))),
+        (point((10.0, 0.0, -3.0)), (10.0, 3.0, -3.0), point((10.0, 1.0, -3.0))),
+        (Target(None, (0.5, 2.0, 0.0), None, 0.0), INSIDE, Target(None, (-1.0, 2.0, 0.0), None, 0.0)),
+        (
+            Target((10.0, 0.0, -3.0), (0.6, 0.0, 0.0), None, 0.0),
+            INSIDE,
+            Target((8.4, 0.0, -3.0), (0.6, 0.0, 0.0), None, 0.0),
+        ),
+    ],
+)
+def test_a_vehicle_outside_is_led_in_at_1_mps_whatever_its_target_is(
+    target: Target, inside_ned_m: Vec3, expected: Target
+) -> None:
+    """A point that is 1 m away leads at 1 m/s; nearer than that to the point inside, the vehicle gets slower."""
+    led = inward_target(target, OUTSIDE, inside_ned_m)
+    assert led.pos_ned_m == (None if expected.pos_ned_m is None else pytest.approx(expected.pos_ned_m))
+    assert led.vel_ned_mps == (None if expected.vel_ned_mps is None else pytest.approx(expected.vel_ned_mps))
+
+
+@pytest.mark.parametrize(
+    "target",
+    [
+        point((8.5, 0.0, -3.0)),
+        Target(None, (-1.5, 2.0, 0.0), None, 0.0),
+        Target((9.5, 0.0, -3.0), (-0.7, 0.0, 0.0), None, 0.0),
+    ],
+)
+def test_a_target_that_leads_a_vehicle_inside_by_itself_is_not_changed(target: Target) -> None:
+    assert inward_target(target, OUTSIDE, INSIDE) is target
+    assert inward_target(target, INSIDE, INSIDE) is target, "it is there"
 
 
 def test_an_edge_holds_back_a_way_that_meets_it_before_the_vehicle_has_stopped_and_no_other() -> None:
