@@ -172,6 +172,28 @@ def test_a_vehicle_that_is_too_fast_to_stop_brakes_and_nothing_else(towards: tup
     assert limited.pos_ned_m == pytest.approx((19.0 * north, 19.0 * east, -2.0)), "only its height is kept"
 
 
+@pytest.mark.parametrize(("lead_m", "vel_mps"), [(0.0, 2.0), (0.5, 1.5), (1.0, 1.0), (3.0, 0.0), (-1.0, 2.0)])
+def test_point_and_velocity_together_lead_no_faster_to_the_fence_than_the_vehicle_can_stop(
+    lead_m: float, vel_mps: float
+) -> None:
+    """2.4 m before the fence 2 m/s are permitted. The autopilot makes up to 1 m/s of a point that is 1 m away; one on
+    the other side makes the vehicle no faster."""
+    target = Target((0.0, 17.6 + lead_m, -3.0), (0.0, 5.0, 0.0), None, 0.0)
+    limited, _ = limited_target(FENCE, LIMITS, target, at((0.0, 17.6, -3.0)), floor_holds=True)
+    assert limited.pos_ned_m == pytest.approx((0.0, 17.6 + min(lead_m, 2.0), -3.0))
+    assert limited.vel_ned_mps == pytest.approx((0.0, vel_mps, 0.0), abs=2e-3)
+
+
+def test_a_vehicle_that_comes_near_the_fence_no_faster_than_permitted_stops_where_its_target_says() -> None:
+    """2.4 m before the fence 2 m/s are permitted; it flies at 1 m/s towards it, and at 6 m/s along it."""
+    vehicle, stop = at((0.0, 17.6, -3.0), (6.0, 1.0, 0.0)), speed((0.0, 0.0, 0.0))
+    assert limited_target(FENCE, LIMITS, stop, vehicle, floor_holds=True) == (stop, "")
+    faster = at((0.0, 17.6, -3.0), (6.0, 3.0, 0.0))
+    limited, reason = limited_target(FENCE, LIMITS, stop, faster, floor_holds=True)
+    assert limited.vel_ned_mps == pytest.approx((6.0, 0.0, 0.0)), "all of its tilt serves to brake"
+    assert "'field'" in reason
+
+
 def test_the_floor_does_not_hold_in_a_landing() -> None:
     down = speed((0.0, 0.0, 1.0))
     vehicle = at((0.0, 0.0, -1.0))
