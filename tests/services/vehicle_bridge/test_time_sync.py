@@ -9,7 +9,9 @@ from jezero.services.vehicle_bridge.time_sync import (
     PERIOD_NS,
     ControllerClock,
     KeptEpoch,
+    Offset,
     TimeSync,
+    kept_epoch_path,
     load_epoch,
     save_epoch,
 )
@@ -167,6 +169,114 @@ def test_replies_to_other_programs_and_impossible_ones_are_ignored() -> None:
     controller.sync.on_reply(-5, controller.host_ns, controller.host_ns + MS)
     assert controller.sync.offset is before
     assert controller.sync.boots == 0
+
+
+def reply(sync: TimeSync, controller_ns: int, wall_ns: int, round_trip_ns: int = 2 * MS) -> None:
+    """A request at a time, and its reply, for which the controller's time is that of the middle of the round trip."""
+    assert sync.due(wall_ns)
+    sync.on_reply(controller_ns + round_trip_ns // 2, wall_ns, wall_ns + round_trip_ns)
+
+
+def known(begin_ns: int = 1000 * S, controller_ns: int = 40 * S) -> TimeSync:
+    """The time of a controller by twenty perfect replies in the two seconds before."""
+    sync = TimeSync()
+    for number in range(-20, 0):
+        reply(sync, controller_ns + number * PERIOD_NS, begin_ns + number * PERIOD_NS)
+    assert sync.offset is not None
+    return sync
+
+
+@pytest.mark.parametrize(("round_trip_ms", "taken"), [(300, True), (900, False)])
+def test_a_reply_that_is_late_by_most_of_a_second_says_nothing(round_trip_ms: int, taken: bool) -> None:
+    sync = known()
+    before = sync.offset
+    reply(sync, 40 * S, 1000 * S, round_trip_ms * MS)
+    assert (sync.offset is not before) is taken
+
+
+def test_each_request_has_one_reply() -> None:
+    sync = TimeSync(known_after=2)
+    assert sync.due(1000 * S)
+    for _ in range(3):
+        sync.on_reply(40 * S, 1000 * S, 1000 * S + MS)
+    assert sync.offset is None, "the network has doubled a datagram"
+
+
+@pytest.mark.parametrize(
+    ("difference_ms", "round_trip_ms", "jumps"),
+    [(10, 2, 0), (-10, 2, 0), (40, 2, 1), (-40, 2, 1), (40, 100, 0), (-40, 100, 0), (100, 100, 1), (-100, 100, 1)],
+)
+def test_a_difference_that_the_round_trip_does_not_explain_is_a_jump_after_three_replies(
+    difference_ms: int, round_trip_ms: int, jumps: int
+) -> None:
+    sync = known()
+    for number in range(3):
+        assert sync.jumps == 0
+        t_ns = number * PERIOD_NS
+        reply(sync, 40 * S + difference_ms * MS + t_ns, 1000 * S + t_ns, round_trip_ms * MS)
+    assert (sync.jumps, sync.boots) == (jumps, 0)
+
+
+@pytest.mark.parametrize(("back_s", "boots"), [(0.5, 0), (2.0, 1)])
+def test_a_step_back_by_more_than_a_second_is_a_boot(back_s: float, boots: int) -> None:
+    sync = known()
+    reply(sync, 40 * S - int(back_s * S), 1000 * S)
+    assert sync.boots == boots
+
+
+def test_after_a_boot_the_time_is_known_by_one_reply_and_after_a_jump_by_those_that_showed_it() -> None:
+    sync = known()
+    reply(sync, 3 * S, 1000 * S)
+    assert sync.offset is not None
+    assert sync.offset.controller_ns(1001 * S) == pytest.approx(4 * S, abs=MS)
+    sync = known()
+    for number in range(3):
+        reply(sync, 50 * S + number * PERIOD_NS, 1000 * S + number * PERIOD_NS)
+    assert sync.offset is not None
+    assert sync.offset.controller_ns(1001 * S) == pytest.approx(51 * S, abs=MS)
+
+
+def test_the_quality_of_the_time_is_told_with_spread_drift_and_round_trip() -> None:
+    good = Offset(offset_ns=0, wall_ns=0, rate=1.0 - 37e-6, spread_ns=0.0, round_trip_ns=2_300_000)
+    assert good.text == "its clock is known within 0.01 ms, drift -37 ppm, round trip 2.3 ms"
+    poor = Offset(offset_ns=0, wall_ns=0, rate=1.0 + 4e-3, spread_ns=1_500_000.0, round_trip_ns=48_000_000)
+    assert poor.text == "its clock is known within 1.50 ms, drift +4000 ppm, round trip 48.0 ms"
+
+
+def test_the_clock_is_published_ten_times_a_second_and_its_epoch_kept_every_ten() -> None:
+    kept: list[KeptEpoch] = []
+    clock = ControllerClock(1000, None, kept.append)
+    controller = Controller(clock.sync)
+    controller.run(1.0)
+    published_s = []
+    begin_ns = controller.host_ns
+    while (passed_ns := controller.host_ns - begin_ns) < 25 * S:
+        if clock.due(controller.host_ns) is not None:
+            published_s.append(passed_ns / S)
+        controller.host_ns += PERIOD_NS // 4
+    assert len(published_s) == 250
+    assert [epoch.wall_ns - begin_ns for epoch in kept] == [0, 10 * S, 20 * S]
+    assert {epoch.epoch_id for epoch in kept} == {1000}
+    assert kept[-1].controller_ns - kept[0].controller_ns == pytest.approx(20 * S, abs=10 * MS)
+    controller.set(2 * S)
+    controller.run(0.2)
+    assert clock.due(controller.host_ns) is not None
+    assert [epoch.epoch_id for epoch in kept[3:]] == [1001], "a new epoch is kept at once"
+
+
+def test_vehicle_time_is_never_negative() -> None:
+    """The first line through late replies may begin before the controller's boot."""
+    clock = ControllerClock(1000, KeptEpoch(7, 40 * S, 900 * S), lambda epoch: None)
+    assert clock.sync.due(1000 * S)
+    clock.sync.on_reply(MS, 1000 * S, 1000 * S + 100 * MS)
+    message = clock.due(1000 * S)
+    assert message is not None and message.t_ns == 0
+
+
+@pytest.mark.parametrize(("folder", "name"), [("/tmp/run", "/tmp/run/epoch.json"), ("", None)])
+def test_the_epoch_is_kept_in_the_run_folder(folder: str, name: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("JEZERO_RUN_DIR", folder)
+    assert kept_epoch_path() == (None if name is None else Path(name))
 
 
 def clock_of(controller: Controller, clock: ControllerClock) -> int:
