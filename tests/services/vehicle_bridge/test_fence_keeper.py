@@ -7,12 +7,14 @@ from msgspec.structs import replace
 
 from jezero.base.frames import Vec3
 from jezero.base.vehicle_config import VehicleLimitsConfig
-from jezero.runtime.service import Output, Publish
-from jezero.schemas.fence import Fence, FenceState, Zone
+from jezero.runtime.service import Output, Publish, Reply, Request
+from jezero.schemas.fence import Fence, FenceReply, FenceState, SetFence, Zone
 from jezero.schemas.state import StatusCode
+from jezero.schemas.topics import SET_FENCE
 from jezero.services.vehicle_bridge.config import OnFence
 from jezero.services.vehicle_bridge.fence import FenceKeeper, FenceUpload
 from jezero.services.vehicle_bridge.vehicle import Target, VehicleSnapshot
+from tests.services.vehicle_bridge.rig import Box
 
 S = 1_000_000_000
 FIELD = Zone(name="field", corners_ned_m=((-10.0, -10.0), (10.0, -10.0), (10.0, 10.0), (-10.0, 10.0)))
@@ -146,6 +148,38 @@ def test_a_vehicle_stays_where_no_point_inside_is_found() -> None:
     wide = Zone(name="wide", corners_ned_m=((-30.0, -30.0), (30.0, -30.0), (30.0, 30.0), (-30.0, 30.0)))
     fence = keeper(Fence(keep_in=FIELD, keep_out=(wide,)))
     assert [fence.return_point(point(12.0), at(12.0, t_s * S)) for t_s in (10, 20)] == [None, None]
+
+
+@pytest.mark.parametrize(
+    ("code", "armed", "accepted"),
+    [
+        (StatusCode.IDLE, False, True),
+        (StatusCode.IDLE, True, False),
+        (StatusCode.IDLE, None, False),
+        (StatusCode.LANDING_DONE, False, False),
+        (StatusCode.EXTERNAL, False, False),
+    ],
+)
+def test_a_fence_is_set_and_kept_while_the_vehicle_is_idle_and_surely_disarmed(
+    code: StatusCode, armed: bool | None, accepted: bool
+) -> None:
+    kept: list[Fence | None] = []
+    fence = FenceKeeper("return", VehicleLimitsConfig(), FenceUpload(1), keep=kept.append)
+    box = Box()
+    box.pending[SET_FENCE.name] = [Request(7, "test", SetFence(fence=FENCE))]
+    (reply,) = fence.handle(code, replace(at(0.0), armed=armed), box)
+    assert isinstance(reply, Reply) and isinstance(reply.payload, FenceReply)
+    assert reply.request_id == 7
+    assert reply.payload.accepted is accepted
+    assert ("land and disarm first" in reply.payload.reason) is not accepted
+    assert kept == ([FENCE] if accepted else [])
+    assert bool(fence.fence_id) is accepted
+
+
+@pytest.mark.parametrize(("t_ns", "published_ns"), [(5 * S, 5 * S), (-S, 0)])
+def test_the_fence_is_published_with_vehicle_time_which_is_never_negative(t_ns: int, published_ns: int) -> None:
+    (state,) = states(keeper().publish(ORIGIN_DEG, replace(at(0.0), t_ns=t_ns), 0))
+    assert state.t_ns == published_ns
 
 
 def test_the_fence_is_published_once_a_second_and_when_the_vehicle_leaves_or_comes_in() -> None:
