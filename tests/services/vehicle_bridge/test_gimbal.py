@@ -176,8 +176,10 @@ def test_the_manager_says_over_the_link_who_is_in_control() -> None:
     assert "MAVLink system 255, component 190 is in control" in client.problem(S)
 
 
-def test_a_gimbal_alone_is_no_sign_of_life_of_the_autopilot() -> None:
-    link, _, autopilot = linked()
+@pytest.mark.parametrize("has_gimbal", [True, False])
+def test_a_gimbals_own_heartbeat_is_not_the_autopilots(has_gimbal: bool) -> None:
+    """Also where the settings name no gimbal: it may turn the camera without jezero."""
+    link, autopilot = linked()[0] if has_gimbal else AutopilotLink(1, on_hardware=True), MavlinkCodec(1, 1)
     heartbeat = dialect.MAVLink_heartbeat_message(26, 8, 0x80, 0, 4, 3)
     link.receive(MavlinkCodec(1, 154).pack(heartbeat), S, S, 1)
     assert link.telemetry.received_wall_ns is None
