@@ -177,11 +177,11 @@ def reply(sync: TimeSync, controller_ns: int, wall_ns: int, round_trip_ns: int =
     sync.on_reply(controller_ns + round_trip_ns // 2, wall_ns, wall_ns + round_trip_ns)
 
 
-def known(begin_ns: int = 1000 * S, controller_ns: int = 40 * S) -> TimeSync:
-    """The time of a controller by twenty perfect replies in the two seconds before."""
+def known(round_trip_ns: int = 2 * MS) -> TimeSync:
+    """A controller whose time is 40 s at 1000 s of this computer, by twenty replies in the two seconds before."""
     sync = TimeSync()
     for number in range(-20, 0):
-        reply(sync, controller_ns + number * PERIOD_NS, begin_ns + number * PERIOD_NS)
+        reply(sync, 40 * S + number * PERIOD_NS, 1000 * S + number * PERIOD_NS, round_trip_ns)
     assert sync.offset is not None
     return sync
 
@@ -215,6 +215,38 @@ def test_a_difference_that_the_round_trip_does_not_explain_is_a_jump_after_three
         t_ns = number * PERIOD_NS
         reply(sync, 40 * S + difference_ms * MS + t_ns, 1000 * S + t_ns, round_trip_ms * MS)
     assert (sync.jumps, sync.boots) == (jumps, 0)
+
+
+@pytest.mark.parametrize(("difference_ms", "jumps"), [(60, 0), (-60, 0), (200, 1), (-200, 1)])
+def test_on_a_slow_line_the_time_known_so_far_may_be_wrong_too(difference_ms: int, jumps: int) -> None:
+    """Of a round trip of 100 ms, all may have been on the way there, and now all on the way back."""
+    sync = known(round_trip_ns=100 * MS)
+    for number in range(3):
+        t_ns = number * PERIOD_NS
+        reply(sync, 40 * S + difference_ms * MS + t_ns, 1000 * S + t_ns, 100 * MS)
+    assert sync.jumps == jumps
+
+
+def test_on_a_slow_line_the_replies_with_the_shortest_round_trip_count() -> None:
+    """Four of five come back 60 ms later than the fifth, which moves the middle of their round trips by 30 ms."""
+    sync = TimeSync()
+    for number in range(50):
+        begin_ns, late_ns = 1000 * S + number * PERIOD_NS, 0 if number % 5 == 0 else 60 * MS
+        assert sync.due(begin_ns)
+        sync.on_reply(begin_ns - 960 * S + 20 * MS, begin_ns, begin_ns + 40 * MS + late_ns)
+    assert sync.offset is not None
+    assert sync.offset.controller_ns(1005 * S) == pytest.approx(45 * S, abs=MS)
+
+
+def test_a_late_one_of_the_first_two_replies_makes_no_drift() -> None:
+    """It comes back 38 ms late, so that the middle of its round trip seems to be 19 ms off, 0.1 s after the first."""
+    sync = TimeSync(known_after=1)
+    reply(sync, 40 * S, 1000 * S)
+    begin_ns = 1000 * S + PERIOD_NS
+    assert sync.due(begin_ns)
+    sync.on_reply(begin_ns - 960 * S + MS, begin_ns, begin_ns + 40 * MS)
+    assert sync.offset is not None
+    assert sync.offset.controller_ns(1002 * S) == pytest.approx(42 * S, abs=3 * MS)
 
 
 @pytest.mark.parametrize(("back_s", "boots"), [(0.5, 0), (2.0, 1)])
