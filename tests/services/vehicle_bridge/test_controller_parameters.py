@@ -117,13 +117,13 @@ def test_a_parameter_is_given_up_after_eight_tries_and_the_next_one_is_asked_for
 
 def test_a_value_that_was_set_counts_when_it_is_reported_and_not_the_one_before() -> None:
     autopilot, exchange = FakeAutopilot(), ParameterExchange(system_id=1)
-    autopilot.parameters = {"COM_OBL_RC_ACT": 3}
     exchange.set("COM_OBL_RC_ACT", 4)
-    exchange.step(autopilot.parameter("COM_OBL_RC_ACT"), 0)
-    assert not exchange.done
-    autopilot.parameters = {"COM_OBL_RC_ACT": 4}
-    exchange.step(autopilot.parameter("COM_OBL_RC_ACT"), 10 * MS)
-    assert exchange.done
+    done = []
+    for number, value in enumerate((3, 4)):
+        autopilot.parameters = {"COM_OBL_RC_ACT": value}
+        exchange.step(autopilot.parameter("COM_OBL_RC_ACT"), number * 10 * MS)
+        done.append(exchange.done)
+    assert done == [False, True]
     assert exchange.values == {"COM_OBL_RC_ACT": 4}
 
 
@@ -166,10 +166,10 @@ def test_over_a_signed_link_replies_are_taken_also_after_minutes() -> None:
     autopilot = FakeAutopilot(signing=signing)
     autopilot.parameters = {"COM_OBL_RC_ACT": 3}
     exchange = ParameterExchange(1, key)
-    exchange.step(b"", 0)
+    begin_ns, minutes_ns = 7000 * 1_000_000_000, 150 * 1_000_000_000
+    exchange.step(b"", begin_ns)
     exchange.read(["COM_OBL_RC_ACT"])
-    minutes_ns = 150 * 1_000_000_000
     signing.clock_10us = minutes_ns // 10_000
-    sent = exchange.step(b"", minutes_ns)
-    exchange.step(autopilot.handle(sent), minutes_ns + 10 * MS)
+    sent = exchange.step(b"", begin_ns + minutes_ns)
+    exchange.step(autopilot.handle(sent), begin_ns + minutes_ns + 10 * MS)
     assert exchange.values == {"COM_OBL_RC_ACT": 3}

@@ -182,8 +182,7 @@ def test_a_gimbals_own_heartbeat_is_not_the_autopilots(has_gimbal: bool) -> None
     link, autopilot = linked()[0] if has_gimbal else AutopilotLink(1, on_hardware=True), MavlinkCodec(1, 1)
     heartbeat = dialect.MAVLink_heartbeat_message(26, 8, 0x80, 0, 4, 3)
     link.receive(MavlinkCodec(1, 154).pack(heartbeat), S, S, 1)
-    assert link.telemetry.received_wall_ns is None
-    assert link.refusal == "" and link.telemetry.armed is None
+    assert (link.telemetry.received_wall_ns, link.refusal, link.telemetry.armed) == (None, "", None)
     link.receive(autopilot.pack(dialect.MAVLink_heartbeat_message(2, 12, 0x80, 0, 4, 3)), S, S, 1)
     assert link.telemetry.received_wall_ns == S
     assert link.telemetry.armed

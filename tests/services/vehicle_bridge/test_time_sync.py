@@ -296,6 +296,17 @@ def test_the_clock_is_published_ten_times_a_second_and_its_epoch_kept_every_ten(
     assert [epoch.epoch_id for epoch in kept[3:]] == [1001], "a new epoch is kept at once"
 
 
+def test_an_epoch_is_kept_at_once_also_seconds_after_the_boot_of_this_computer() -> None:
+    kept: list[KeptEpoch] = []
+    clock = ControllerClock(1000, None, kept.append)
+    controller = Controller(clock.sync)
+    controller.host_ns = S
+    controller.set(40 * S)
+    controller.run(1.0)
+    assert clock.due(controller.host_ns) is not None
+    assert [epoch.epoch_id for epoch in kept] == [1000]
+
+
 def test_vehicle_time_is_never_negative() -> None:
     """The first line through late replies may begin before the controller's boot."""
     clock = ControllerClock(1000, KeptEpoch(7, 40 * S, 900 * S), lambda epoch: None)
