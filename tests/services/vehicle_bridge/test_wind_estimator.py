@@ -198,6 +198,21 @@ def test_a_vehicle_beyond_60_degrees_of_tilt_says_nothing_about_the_wind(roll_ra
     assert (wind_ned_mps(STILL, STILL, rolled, ROBOT) is not None) is known
 
 
+@pytest.mark.parametrize("down_mps", [0.0, -2.0, 1.0])
+def test_a_steady_climb_or_descent_is_no_acceleration(down_mps: float) -> None:
+    """Nose down by 0.2 rad, it leans into a wind from the north. In the plane of the rotors the motion through the air
+    is that of the wind and of the climb: 0.45 v + 0.036 v² = 1.5 · 9.81 · sin(0.2), v = -wind · cos(0.2) - down ·
+    sin(-0.2)."""
+    estimator = WindEstimator(ROBOT)
+    for step in range(150):
+        odometry = replace(leveled(0.02 * step, (0.0, 0.0, down_mps)), q_ned_from_frd=pitched(-0.2))
+        estimator.update(odometry, aloft())
+    in_plane_mps = (sqrt(0.45**2 + 4.0 * 0.036 * 1.5 * 9.81 * sin(0.2)) - 0.45) / (2.0 * 0.036)
+    north_mps = -(in_plane_mps - down_mps * sin(0.2)) / cos(0.2)
+    assert estimator.wind is not None
+    assert estimator.wind.mean_ned_mps == pytest.approx((north_mps, 0.0, 0.0), abs=1e-3)
+
+
 def test_a_vehicle_that_spins_upside_down_adds_no_sample() -> None:
     estimator = WindEstimator(ROBOT)
     for step in range(200):
