@@ -177,11 +177,14 @@ def test_the_manager_says_over_the_link_who_is_in_control() -> None:
 
 
 @pytest.mark.parametrize("has_gimbal", [True, False])
-def test_a_gimbals_own_heartbeat_is_not_the_autopilots(has_gimbal: bool) -> None:
+def test_a_gimbals_own_messages_are_no_sign_of_life_of_the_autopilot(has_gimbal: bool) -> None:
     """Also where the settings name no gimbal: it may turn the camera without jezero."""
     link, autopilot = linked()[0] if has_gimbal else AutopilotLink(1, on_hardware=True), MavlinkCodec(1, 1)
-    heartbeat = dialect.MAVLink_heartbeat_message(26, 8, 0x80, 0, 4, 3)
-    link.receive(MavlinkCodec(1, 154).pack(heartbeat), S, S, 1)
+    gimbal, nan = MavlinkCodec(1, 154), float("nan")
+    level = [1.0, 0.0, 0.0, 0.0]
+    attitude = dialect.MAVLink_gimbal_device_attitude_status_message(0, 0, 5, 32, level, nan, nan, nan, 0)
+    for message in (dialect.MAVLink_heartbeat_message(26, 8, 0x80, 0, 4, 3), attitude):
+        link.receive(gimbal.pack(message), S, S, 1)
     assert (link.telemetry.received_wall_ns, link.refusal, link.telemetry.armed) == (None, "", None)
     link.receive(autopilot.pack(dialect.MAVLink_heartbeat_message(2, 12, 0x80, 0, 4, 3)), S, S, 1)
     assert link.telemetry.received_wall_ns == S
