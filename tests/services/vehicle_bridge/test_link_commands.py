@@ -165,6 +165,13 @@ def test_a_heartbeat_is_requested_when_the_last_one_is_old() -> None:
     assert (request.command, request.param1) == (dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_HEARTBEAT)
 
 
+def test_the_batterys_critical_level_is_requested_by_its_name() -> None:
+    """With an index of 0 or more, the autopilot would reply with another parameter, by its number."""
+    request = sent(AutopilotLink(1).request_battery_critical(S))
+    assert (request.target_system, request.target_component) == (1, 1)
+    assert (request.param_id, request.param_index) == ("BAT_CRIT_THR", -1)
+
+
 def test_the_time_is_requested_with_a_stamp_and_only_a_reply_has_the_autopilots() -> None:
     link = AutopilotLink(1)
     request = sent(link.request_time(123_456))
