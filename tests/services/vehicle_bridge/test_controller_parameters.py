@@ -78,10 +78,70 @@ def test_the_controller_hears_a_heartbeat_twice_a_second_from_the_start_on() -> 
     """Over USB, PX4 replies only to programs whose HEARTBEATs it receives."""
     exchange, codec, times_ms = ParameterExchange(), MavlinkCodec(1, 1), []
     exchange.read(["COM_OBL_RC_ACT"])
+    active_computer = (dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID, dialect.MAV_STATE_ACTIVE)
     for now_ms in range(0, 1500, 10):
-        sent = codec.parse(exchange.step(b"", now_ms * MS))
-        times_ms += [now_ms for message in sent if message.get_msgId() == dialect.MAVLINK_MSG_ID_HEARTBEAT]
+        for message in codec.parse(exchange.step(b"", now_ms * MS)):
+            assert message.get_msgId() == dialect.MAVLINK_MSG_ID_HEARTBEAT, "no controller is known that could reply"
+            assert (message.type, message.autopilot, message.system_status) == active_computer
+            times_ms.append(now_ms)
     assert times_ms == [0, 500, 1000]
+
+
+def test_at_most_eight_requests_wait_for_their_replies_and_each_is_sent_again_three_times_a_second() -> None:
+    """A slow line has a small buffer."""
+    exchange, codec = ParameterExchange(system_id=1), MavlinkCodec(9, 1)
+    names = [f"P{number:02}" for number in range(20)]
+    exchange.read(names)
+    sent: dict[str, list[int]] = {}
+    for now_ms in range(0, 2000, 100):
+        for message in codec.parse(exchange.step(b"", now_ms * MS)):
+            if message.get_msgId() == dialect.MAVLINK_MSG_ID_PARAM_REQUEST_READ:
+                sent.setdefault(message.param_id, []).append(now_ms)
+                assert (message.target_system, message.target_component, message.param_index) == (1, 1, -1)
+    assert sent == {name: [0, 300, 600, 900, 1200, 1500, 1800] for name in names[:8]}
+
+
+def test_a_parameter_is_given_up_after_eight_tries_and_the_next_one_is_asked_for() -> None:
+    exchange, codec = ParameterExchange(system_id=1), MavlinkCodec(9, 1)
+    names = [f"P{number:02}" for number in range(9)]
+    exchange.read(names)
+    tries: dict[str, int] = dict.fromkeys(names, 0)
+    for now_ms in range(0, 2900, 100):
+        for message in codec.parse(exchange.step(b"", now_ms * MS)):
+            if message.get_msgId() == dialect.MAVLINK_MSG_ID_PARAM_REQUEST_READ:
+                tries[message.param_id] += 1
+    assert tries == {**dict.fromkeys(names[:8], 8), names[8]: 2}
+    assert exchange.unknown == names[:8]
+    assert not exchange.done
+
+
+def test_a_value_that_was_set_counts_when_it_is_reported_and_not_the_one_before() -> None:
+    autopilot, exchange = FakeAutopilot(), ParameterExchange(system_id=1)
+    exchange.set("COM_OBL_RC_ACT", 4)
+    done = []
+    for number, value in enumerate((3, 4)):
+        autopilot.parameters = {"COM_OBL_RC_ACT": value}
+        exchange.step(autopilot.parameter("COM_OBL_RC_ACT"), number * 10 * MS)
+        done.append(exchange.done)
+    assert done == [False, True]
+    assert exchange.values == {"COM_OBL_RC_ACT": 4}
+
+
+def test_only_the_controller_itself_and_the_first_one_found_counts() -> None:
+    exchange = ParameterExchange()
+    exchange.read(["COM_OBL_RC_ACT"])
+    px4, ardupilot = (dialect.MAVLink_heartbeat_message(2, kind, 0, 0, 3, 3) for kind in (12, 3))
+    exchange.step(MavlinkCodec(7, 100).pack(px4), 0)  # a camera
+    assert exchange.system_id == 0
+    exchange.step(MavlinkCodec(9, 1).pack(px4), 10 * MS)
+    exchange.step(MavlinkCodec(5, 1).pack(ardupilot), 20 * MS)
+    assert (exchange.system_id, exchange.refusal) == (9, "")
+    value = dialect.MAVLink_param_value_message(b"COM_OBL_RC_ACT", 1.0, dialect.MAV_PARAM_TYPE_REAL32, 1, 0)
+    exchange.step(MavlinkCodec(9, 100).pack(value), 30 * MS)
+    exchange.step(MavlinkCodec(5, 1).pack(value), 40 * MS)
+    assert exchange.values == {}
+    exchange.step(MavlinkCodec(9, 1).pack(value), 50 * MS)
+    assert exchange.values == {"COM_OBL_RC_ACT": 1.0}
 
 
 @pytest.mark.parametrize("same_key", [True, False])
@@ -106,10 +166,10 @@ def test_over_a_signed_link_replies_are_taken_also_after_minutes() -> None:
     autopilot = FakeAutopilot(signing=signing)
     autopilot.parameters = {"COM_OBL_RC_ACT": 3}
     exchange = ParameterExchange(1, key)
-    exchange.step(b"", 0)
+    begin_ns, minutes_ns = 7000 * 1_000_000_000, 150 * 1_000_000_000
+    exchange.step(b"", begin_ns)
     exchange.read(["COM_OBL_RC_ACT"])
-    minutes_ns = 150 * 1_000_000_000
     signing.clock_10us = minutes_ns // 10_000
-    sent = exchange.step(b"", minutes_ns)
-    exchange.step(autopilot.handle(sent), minutes_ns + 10 * MS)
+    sent = exchange.step(b"", begin_ns + minutes_ns)
+    exchange.step(autopilot.handle(sent), begin_ns + minutes_ns + 10 * MS)
     assert exchange.values == {"COM_OBL_RC_ACT": 3}

@@ -4,7 +4,7 @@ import pytest
 from msgspec.structs import replace
 
 from jezero.base.mavlink import MavlinkCodec, dialect
-from jezero.runtime.service import Publish
+from jezero.runtime.service import Health, Publish
 from jezero.schemas.commands import Hover, Phase
 from jezero.schemas.fence import Fence, FenceState, SetFence, Zone
 from jezero.schemas.state import StatusCode
@@ -102,6 +102,15 @@ def test_a_hover_that_is_pushed_out_keeps_its_point_inside() -> None:
     assert rig.autopilot.setpoints[-1].x == pytest.approx(0.0, abs=1e-3)
 
 
+def test_a_hover_inside_stays_where_it_is_also_near_the_edge() -> None:
+    rig = flying()
+    push_to(rig, 9.3)
+    assert rig.request(HOVER, Hover(hover_req=True, hover_pos=(9.3, 0.0, -2.0))).hover_mode
+    rig.run(5.0)
+    assert rig.status.code == StatusCode.HOVER
+    assert rig.autopilot.setpoints[-1].x == pytest.approx(9.3, abs=1e-3)
+
+
 def test_the_fence_is_published_once_a_second_and_at_once_when_the_vehicle_leaves_it() -> None:
     rig = flying()
 
@@ -180,6 +189,23 @@ def test_a_hover_point_outside_is_refused_with_the_zone() -> None:
     reply = rig.request(HOVER, Hover(hover_req=True, hover_pos=(20.0, 0.0, -2.0)))
     assert not reply.hover_mode
     assert "10.0 m outside the area 'field' to stay in" in reply.reason
+
+
+def test_a_fence_that_the_autopilot_does_not_take_stands_in_health_and_on_the_topic() -> None:
+    rig = Rig().ready()
+    assert rig.request(SET_FENCE, SetFence(fence=FENCE)).accepted
+
+    def last(kind: type[Health] | type[FenceState]) -> str:
+        told = [o.message if isinstance(o, Publish) else o for o in rig.outputs]
+        found = [each for each in told if isinstance(each, kind)][-1]
+        return found.text if isinstance(found, Health) else found.autopilot_failure
+
+    rig.run(2.0)  # it may still reply
+    assert "fence is not set" not in last(Health)
+    assert last(FenceState) == ""
+    rig.run(6.0)
+    assert "; the autopilot's own fence is not set: the autopilot doesn't reply" in last(Health)
+    assert last(FenceState) == "the autopilot doesn't reply"
 
 
 def test_a_fence_that_is_taken_away_is_taken_from_the_autopilot_too() -> None:

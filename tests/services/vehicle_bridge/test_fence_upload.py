@@ -28,6 +28,21 @@ def test_the_autopilots_fence_is_two_metres_wider_and_small_zones_to_stay_out_of
     assert max(north for north, _ in corners_m[4:]) == pytest.approx(10.0, abs=0.01)
 
 
+def test_of_a_zone_that_falls_apart_when_it_is_made_smaller_the_larger_part_stays() -> None:
+    """Two fields, 20 m and 12 m wide, with a strip of 2 m between them, which the margin of 2 m takes away."""
+    both = (
+        *((-10.0, -10.0), (10.0, -10.0), (10.0, -1.0), (30.0, -1.0), (30.0, -6.0), (42.0, -6.0)),
+        *((42.0, 6.0), (30.0, 6.0), (30.0, 1.0), (10.0, 1.0), (10.0, 10.0), (-10.0, 10.0)),
+    )
+    items = autopilot_items(Fence(keep_out=(Zone(name="fields", corners_ned_m=both),)), ORIGIN_DEG)
+    corners_m = [ned_from_geodetic((*corner, ORIGIN_DEG[2]), ORIGIN_DEG)[:2] for _, _, corner in items]
+    assert {command for command, _, _ in items} == {KEEP_OUT}
+    assert {count for _, count, _ in items} == {len(items)}, "one polygon"
+    for axis in (0, 1):
+        assert min(corner[axis] for corner in corners_m) == pytest.approx(-8.0, abs=0.01)
+        assert max(corner[axis] for corner in corners_m) == pytest.approx(8.0, abs=0.01)
+
+
 def exchange(bench: Bench, upload: FenceUpload) -> None:
     """Pass messages until neither side has one."""
     message = upload.due(0)
@@ -47,7 +62,7 @@ def test_the_embedded_autopilot_stores_the_fence_and_gives_it_back() -> None:
     assert count.count == len(items)
     (item,) = send(bench, dialect.MAVLink_mission_request_int_message(1, 1, 5, dialect.MAV_MISSION_TYPE_FENCE))
     assert (item.command, item.param1) == (KEEP_OUT, 4.0)
-    assert item.x == round(items[5][2][0] * 1e7)
+    assert (item.x, item.y) == (round(items[5][2][0] * 1e7), round(items[5][2][1] * 1e7))
     upload.clear()
     exchange(bench, upload)
     (count,) = send(bench, dialect.MAVLink_mission_request_list_message(1, 1, dialect.MAV_MISSION_TYPE_FENCE))
@@ -58,8 +73,10 @@ def test_an_autopilot_that_never_replies_is_named_after_some_tries() -> None:
     upload = FenceUpload(1)
     assert upload.due(0) is None, "without a fence nothing is sent"
     upload.start(autopilot_items(FENCE, ORIGIN_DEG))
-    sent = [upload.due(second * 1_000_000_000) for second in range(7)]
-    assert sum(message is not None for message in sent) == 5
+    sent_ms = [ms for ms in range(0, 4600, 100) if upload.due(ms * 1_000_000) is not None]
+    assert sent_ms == [0, 1000, 2000, 3000, 4000]
+    assert upload.failure == "", "it may still reply to the last one"
+    assert upload.due(5_100_000_000) is None
     assert upload.failure == "the autopilot doesn't reply"
 
 

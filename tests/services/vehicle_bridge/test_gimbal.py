@@ -1,6 +1,6 @@
 """A camera on a gimbal: claimed, pointed against the horizon, measured against the body; and the twin's manager."""
 
-from math import pi, radians
+from math import cos, pi, radians, sin
 
 import pytest
 from msgspec.structs import replace
@@ -21,6 +21,7 @@ from jezero.schemas.commands import CameraPitch
 from jezero.schemas.sensors import CameraAttitude
 from jezero.schemas.topics import CAMERA_ATTITUDE, CAMERA_PITCH
 from jezero.services.autopilot.gimbal import NOBODY, GimbalManager
+from jezero.services.vehicle_bridge.autopilot_link import AutopilotLink
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.gimbal import SILENT_NS, GimbalClient
 from tests.services.vehicle_bridge.rig import Rig
@@ -30,6 +31,7 @@ TILTED = quat_from_euler(0.2, -0.15, 2.4)
 """A vehicle that leans, with its nose to the south-east."""
 CLAIM = dialect.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE
 MS = 1_000_000
+S = 1000 * MS
 
 
 def parsed(component: int, message: object) -> object:
@@ -99,9 +101,106 @@ def test_a_command_is_sent_against_the_horizon_and_comes_back_as_the_same_angles
 def test_a_yaw_against_north_is_understood_too() -> None:
     client = GimbalClient(BRIDGE, MANAGER, DOWN)
     q_ned = quat_normalize(quat_multiply(TILTED, q_frd_from_gimbal(-0.7, 0.2)))
-    for flags in (64, 16):  # yaw in the earth frame; older: yaw locked
-        measured = client.on_attitude(attitude_status(q_ned, flags), 1, TILTED, 0)
+    q_level = quat_multiply(quat_from_euler(0.0, 0.0, -2.4), q_ned)
+    # Yaw in the earth frame; older: yaw locked; both flags; against the heading, although the yaw is locked.
+    for flags, q in ((64, q_ned), (16, q_ned), (64 | 16, q_ned), (32 | 16, q_level)):
+        measured = client.on_attitude(attitude_status(q, flags), 1, TILTED, 0)
         assert (measured.pitch_camera_rad, measured.roll_camera_rad) == pytest.approx((-0.7, 0.2), abs=1e-6)
+
+
+def test_the_gimbal_is_pointed_about_twenty_times_a_second() -> None:
+    client = GimbalClient(BRIDGE, MANAGER, DOWN)
+    pointed = [m for ms in range(0, 1000, 10) for m in client.due(TILTED, ms * MS) if m.get_msgId() == 282]
+    assert len(pointed) == 20
+    locks = dialect.GIMBAL_MANAGER_FLAGS_ROLL_LOCK | dialect.GIMBAL_MANAGER_FLAGS_PITCH_LOCK
+    flags = locks | dialect.GIMBAL_MANAGER_FLAGS_YAW_IN_VEHICLE_FRAME
+    assert {(m.target_system, m.target_component, m.flags) for m in pointed} == {(*MANAGER, flags)}
+
+
+@pytest.mark.parametrize(("pitch_deg", "straight_down"), [(-70.0, False), (-88.0, True), (-115.0, True)])
+def test_a_steep_camera_is_sent_straight_down(pitch_deg: float, straight_down: bool) -> None:
+    """There roll and yaw are one, and PX4, which limits each of them, would turn the gimbal to and fro."""
+    client, level = GimbalClient(BRIDGE, MANAGER, DOWN), quat_from_euler(0.0, 0.0, 0.0)
+    client.point([CameraPitch(t_ns=1, pitch_camera_rad=radians(pitch_deg))], 0)
+    (message,) = [m for m in client.due(level, 0) if m.get_msgId() == 282]
+    view = quat_rotate(tuple(message.q), (1.0, 0.0, 0.0))
+    expected = (0.0, 0.0, 1.0) if straight_down else (cos(radians(pitch_deg)), 0.0, -sin(radians(pitch_deg)))
+    assert view == pytest.approx(expected, abs=1e-6)
+
+
+def test_the_newest_of_several_commands_counts() -> None:
+    client, level = GimbalClient(BRIDGE, MANAGER, DOWN), quat_from_euler(0.0, 0.0, 0.0)
+    client.point([CameraPitch(t_ns=number, pitch_camera_rad=-0.1 * number) for number in (1, 2, 3)], 0)
+    client.point([], 10 * MS)
+    (message,) = [m for m in client.due(level, 10 * MS) if m.get_msgId() == 282]
+    assert gimbal_angles(tuple(message.q)) == pytest.approx((-0.3, 0.0), abs=1e-6)
+
+
+def linked() -> tuple[AutopilotLink, GimbalClient, MavlinkCodec]:
+    """A link to an autopilot that manages a gimbal, and the codec of the autopilot."""
+    client = GimbalClient(BRIDGE, MANAGER, DOWN)
+    return AutopilotLink(1, on_hardware=True, gimbal=client), client, MavlinkCodec(1, 1)
+
+
+def odometry_of_a_level_vehicle() -> object:
+    nothing = [float("nan")] * 21
+    return dialect.MAVLink_odometry_message(
+        1_000_000, 1, 1, 0.0, 0.0, -3.0, [1.0, 0.0, 0.0, 0.0], *[0.0] * 6, nothing, nothing, 0, 8, 100
+    )
+
+
+def test_an_attitude_of_the_gimbal_counts_with_that_of_the_vehicle_only() -> None:
+    link, client, autopilot = linked()
+    gimbal, nan = MavlinkCodec(1, 154), float("nan")
+
+    def receive(q: Quat) -> list[CameraAttitude]:
+        message = dialect.MAVLink_gimbal_device_attitude_status_message(0, 0, 5, 32, list(q), nan, nan, nan, 0)
+        return link.receive(gimbal.pack(message), S, S, 1).camera
+
+    down = q_frd_from_gimbal(-1.0, 0.0)
+    assert receive(down) == []
+    assert link.point_camera(S) == b"", "the attitude of the vehicle isn't known"
+    link.receive(autopilot.pack(odometry_of_a_level_vehicle()), S, S, 1)
+    assert link.point_camera(S)
+    assert receive((0.0, 0.0, 0.0, 0.0)) == []
+    assert link.malformed == 1
+    (measured,) = receive(down)
+    assert measured.pitch_camera_rad == pytest.approx(-1.0, abs=1e-6)
+    assert client.problem(S) == ""
+
+
+def test_the_manager_says_over_the_link_who_is_in_control() -> None:
+    link, client, autopilot = linked()
+    status = dialect.MAVLink_gimbal_manager_status_message(0, 0, 1, 255, 190, 0, 0)
+    link.receive(autopilot.pack(status), S, S, 1)
+    assert "MAVLink system 255, component 190 is in control" in client.problem(S)
+
+
+@pytest.mark.parametrize("has_gimbal", [True, False])
+def test_a_gimbals_own_messages_are_no_sign_of_life_of_the_autopilot(has_gimbal: bool) -> None:
+    """Also where the settings name no gimbal: it may turn the camera without jezero."""
+    link, autopilot = linked()[0] if has_gimbal else AutopilotLink(1, on_hardware=True), MavlinkCodec(1, 1)
+    gimbal, nan = MavlinkCodec(1, 154), float("nan")
+    level = [1.0, 0.0, 0.0, 0.0]
+    attitude = dialect.MAVLink_gimbal_device_attitude_status_message(0, 0, 5, 32, level, nan, nan, nan, 0)
+    for message in (dialect.MAVLink_heartbeat_message(26, 8, 0x80, 0, 4, 3), attitude):
+        link.receive(gimbal.pack(message), S, S, 1)
+    assert (link.telemetry.received_wall_ns, link.refusal, link.telemetry.armed) == (None, "", None)
+    link.receive(autopilot.pack(dialect.MAVLink_heartbeat_message(2, 12, 0x80, 0, 4, 3)), S, S, 1)
+    assert link.telemetry.received_wall_ns == S
+    assert link.telemetry.armed
+
+
+@pytest.mark.parametrize("has_gimbal", [True, False])
+def test_the_gimbals_messages_are_requested_where_there_is_one(has_gimbal: bool) -> None:
+    link = linked()[0] if has_gimbal else AutopilotLink(1, on_hardware=True)
+    requested = {int(m.param1) for m in MavlinkCodec(1, 1).parse(link.request_intervals())}
+    messages = {
+        dialect.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS,
+        dialect.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS,
+    }
+    assert (requested & messages == messages) is has_gimbal
+    assert dialect.MAVLINK_MSG_ID_ODOMETRY in requested
 
 
 def test_without_commands_the_camera_returns_to_rest() -> None:

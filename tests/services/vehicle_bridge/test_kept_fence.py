@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from jezero.schemas.fence import Fence, SetFence, Zone
-from jezero.services.vehicle_bridge.kept_fence import load, save
+from jezero.services.vehicle_bridge.kept_fence import kept_fence_path, load, save
 
 FENCE = Fence(keep_in=Zone(name="field", corners_ned_m=((0.0, 0.0), (9.0, 0.0), (0.0, 9.0))), ceiling_m=10.0)
 
@@ -16,6 +16,12 @@ def test_a_kept_fence_is_read_again_also_that_there_is_none(tmp_path: Path, fenc
     assert load(path) is None
     save(path, fence)
     assert load(path) == SetFence(fence=fence)
+
+
+@pytest.mark.parametrize(("folder", "name"), [("/tmp/run", "/tmp/run/fence.json"), ("", None)])
+def test_the_fence_is_kept_in_the_run_folder(folder: str, name: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("JEZERO_RUN_DIR", folder)
+    assert kept_fence_path() == (None if name is None else Path(name))
 
 
 def test_a_file_that_is_no_fence_is_left_out_with_a_sentence(

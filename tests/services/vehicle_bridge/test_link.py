@@ -9,6 +9,7 @@ from jezero.base.frames import quat_from_euler
 from jezero.base.mavlink import MavlinkCodec, MavMessage, dialect
 from jezero.schemas.commands import Phase
 from jezero.services.vehicle_bridge.autopilot_link import INTERVALS_US, AutopilotLink, TelemetryBatch
+from jezero.services.vehicle_bridge.parameters import encoded
 from jezero.services.vehicle_bridge.vehicle import AutopilotCommand, mode_name
 from tests.services.vehicle_bridge.rig import Rig
 
@@ -128,6 +129,9 @@ def test_over_a_narrow_line_alone_position_and_attitude_make_odometry(narrow: bo
     found = link.telemetry.odometry
     if not narrow:
         assert found is None
+        nothing = dialect.MAVLink_attitude_quaternion_message(1000, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        receive(link, nothing, dialect.MAVLink_local_position_ned_message(1020, nan, 0.0, 0.0, 0.0, 0.0, 0.0))
+        assert link.malformed == 0, "what isn't used isn't judged"
         return
     assert found is not None
     assert (found.t_ns, found.pos_uav_ned_m) == (S, (1.0, 2.0, -3.0))
@@ -137,6 +141,71 @@ def test_over_a_narrow_line_alone_position_and_attitude_make_odometry(narrow: bo
         receive(link, dialect.MAVLink_local_position_ned_message(1020, *bad, 0.0, 0.0, 0.0))
     assert link.malformed == 2
     assert link.telemetry.odometry is found
+
+
+@pytest.mark.parametrize(
+    ("var_north_m2", "var_east_m2", "std_m"),
+    [(0.04, 0.09, 0.3), (0.09, 0.04, 0.3), (0.0, 0.0, 0.0), (nan, nan, None), (-1.0, -1.0, None), (1e13, 0.0, None)],
+)
+def test_the_larger_horizontal_variance_gives_the_standard_deviation_of_the_position(
+    var_north_m2: float, var_east_m2: float, std_m: float | None
+) -> None:
+    message = odometry()
+    message.pose_covariance = [var_north_m2, *[0.0] * 5, var_east_m2, *[0.0] * 14]
+    (received,) = receive(AutopilotLink(1), message).odometry
+    assert received.std_pos_m == (None if std_m is None else pytest.approx(std_m))
+
+
+def test_odometry_of_an_unknown_velocity_frame_and_of_a_time_beyond_all_flights_is_not_believed() -> None:
+    link = AutopilotLink(1)
+    assert receive(link, odometry(child_frame=dialect.MAV_FRAME_LOCAL_ENU)).odometry == []
+    assert receive(link, odometry(t_us=2**61)).odometry == []
+    assert link.malformed == 2
+    assert receive(link, odometry(child_frame=dialect.MAV_FRAME_LOCAL_NED)).odometry
+
+
+@pytest.mark.parametrize(("back_ms", "restarted"), [(500, False), (1500, True)])
+def test_after_a_step_back_by_more_than_a_second_all_is_learned_anew(back_ms: int, restarted: bool) -> None:
+    link = AutopilotLink(1, {"A": 1})
+    receive(link, dialect.MAVLink_gps_global_origin_message(473977418, 85455938, 488000, 0))
+    link.parameters.confirm("A", *encoded(1))
+    batch = receive(link, odometry(9_000_000), odometry(9_000_000 - back_ms * 1000, x=7.0), at_ns=S)
+    assert batch.restarted is restarted
+    assert [o.pos_uav_ned_m[0] for o in batch.odometry] == ([7.0] if restarted else [1.0])
+    assert (link.telemetry.origin_deg is None) is restarted
+    assert link.parameters.pending == (("A",) if restarted else ())
+    assert link.telemetry.received_wall_ns == S
+
+
+def hz_of(link: AutopilotLink) -> float | None:
+    """Rate of odometry; a function, as mypy takes an attribute for unchanged between two asserts."""
+    return None if link.rate is None else link.rate.hz
+
+
+def test_another_autopilot_gets_fence_and_commands_anew_and_its_rate_is_measured_anew() -> None:
+    link = AutopilotLink(1, on_hardware=True)
+    assert link.rate is not None
+    for number in range(50 * 10):
+        link.rate.add(number * S // 50)
+        link.rate.update(number * S // 50, None)
+    assert hz_of(link) is not None
+    link.fence.start([(5001, 3, (47.0, 8.0 + 0.001 * corner)) for corner in range(3)])
+    receive(link, dialect.MAVLink_mission_ack_message(1, 191, 0, dialect.MAV_MISSION_TYPE_FENCE))
+    assert not link.send_fence(S)
+    assert link.command(AutopilotCommand.ARM, 0) and not link.command(AutopilotCommand.ARM, S // 4)
+    link.reset()
+    assert hz_of(link) is None
+    assert link.send_fence(S)
+    assert link.command(AutopilotCommand.ARM, S // 4)
+
+
+def test_a_step_of_the_position_estimate_is_reported_once() -> None:
+    link, steps = AutopilotLink(1), []
+    for t_us, x, counter in ((1_000_000, 1.0, 0), (1_020_000, 3.5, 1), (1_040_000, 3.5, 1)):
+        message = odometry(t_us, x=x, vx=0.0)
+        message.reset_counter = counter
+        steps.append(receive(link, message).steps_ned_m)
+    assert steps == [[], [pytest.approx((2.5, 0.0, 0.0))], []]
 
 
 def test_datagrams_that_overtook_each_other_are_not_a_restart() -> None:
@@ -171,6 +240,42 @@ def test_modes_have_px4s_names(main: int, sub: int, name: str) -> None:
     assert mode_name(main << 16 | sub << 24) == name
 
 
+@pytest.mark.parametrize(
+    ("status", "failsafe"),
+    [
+        (dialect.MAV_STATE_STANDBY, False),
+        (dialect.MAV_STATE_ACTIVE, False),
+        (dialect.MAV_STATE_CRITICAL, True),
+        (dialect.MAV_STATE_EMERGENCY, True),
+        (dialect.MAV_STATE_POWEROFF, False),
+        (dialect.MAV_STATE_FLIGHT_TERMINATION, True),
+    ],
+)
+@pytest.mark.parametrize("armed", [True, False])
+def test_a_heartbeat_says_whether_the_motors_may_run_and_whether_a_failsafe_acts(
+    status: int, failsafe: bool, armed: bool
+) -> None:
+    link = AutopilotLink(1)
+    receive(link, dialect.MAVLink_heartbeat_message(2, 12, 1 | (128 if armed else 0), 6 << 16, status, 3))
+    assert (link.telemetry.armed, link.telemetry.failsafe) == (armed, failsafe)
+
+
+@pytest.mark.parametrize("healthy", [True, False])
+def test_the_vehicle_is_armable_while_the_autopilots_own_check_passes(healthy: bool) -> None:
+    link, check, other = AutopilotLink(1), dialect.MAV_SYS_STATUS_PREARM_CHECK, dialect.MAV_SYS_STATUS_SENSOR_3D_GYRO
+    sensors = check if healthy else other
+    receive(link, dialect.MAVLink_sys_status_message(0, 0, sensors, 0, 15_300, -1, 87, 0, 0, 0, 0, 0, 0))
+    assert link.telemetry.armable is healthy
+
+
+@pytest.mark.parametrize(("component", "named"), [(1, 9), (100, None)])
+def test_another_autopilot_on_the_link_is_named_and_another_component_is_not(component: int, named: int | None) -> None:
+    link = AutopilotLink(1)
+    assert link.other_system_id is None
+    receive(link, dialect.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3), codec=MavlinkCodec(9, component))
+    assert link.other_system_id == named
+
+
 def test_battery_and_origin_are_converted() -> None:
     link = AutopilotLink(1)
     receive(
@@ -193,6 +298,7 @@ def test_battery_and_origin_are_converted() -> None:
         (0.0, 181.0, 0.0, False),
         (0.0, -181.0, 0.0, False),
         (0.0, 0.0, 2e5, False),
+        (0.0, 0.0, -2e5, False),
     ],
 )
 def test_an_origin_that_is_nowhere_on_earth_is_left_out(
@@ -308,6 +414,40 @@ def test_the_critical_level_of_the_battery_is_requested_every_two_seconds_until_
     ]  # fmt: skip
     link.telemetry.battery_critical = 0.07
     assert link.request_battery_critical(6000 * ms) == b""
+    link.reset()
+    assert link.request_battery_critical(6020 * ms), "another autopilot"
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "critical"),
+    [
+        (b"BAT_CRIT_THR", 0.0, 0.0),
+        (b"BAT_CRIT_THR", 1.0, 1.0),
+        (b"BAT_CRIT_THR", 1.5, None),
+        (b"BAT_CRIT_THR", -0.1, None),
+        (b"BAT_CRIT_THR", nan, None),
+        (b"BAT_LOW_THR", 0.15, None),
+    ],
+)
+def test_a_share_of_the_battery_in_its_own_parameter_alone_is_its_critical_level(
+    name: bytes, value: float, critical: float | None
+) -> None:
+    link = AutopilotLink(1)
+    receive(link, dialect.MAVLink_param_value_message(name, value, dialect.MAV_PARAM_TYPE_REAL32, 1, 0))
+    assert link.telemetry.battery_critical == critical
+
+
+def test_the_version_of_a_real_flight_controller_is_requested_every_two_seconds_until_it_is_known() -> None:
+    link, ms = AutopilotLink(1, on_hardware=True), 1_000_000
+    begin_ms = 1000
+    assert [bool(link.request_version((begin_ms + at) * ms)) for at in (0, 20, 1980, 2000, 2020, 4000)] == [
+        True, False, False, True, False, True,
+    ]  # fmt: skip
+    nothing = [0] * 8
+    receive(link, dialect.MAVLink_autopilot_version_message(0, 1 << 24 | 15 << 16, 0, 0, 0, *[nothing] * 3, 0, 0, 0))
+    assert link.request_version(7000 * ms) == b""
+    link.reset()
+    assert link.request_version(7020 * ms), "another flight controller"
 
 
 def test_the_same_flight_gives_the_same_bytes() -> None:
@@ -334,6 +474,9 @@ def distance(t_ms: int = 1000, range_cm: int = 234, *, orientation: int = 25, qu
         (distance(range_cm=1001), None),
         (distance(quality=1), None),
         (distance(quality=100), 2.34),
+        (distance(range_cm=15), 0.15),
+        (distance(range_cm=1000), 10.0),
+        (dialect.MAVLink_distance_sensor_message(1000, 0, 1000, 0, 0, 0, 25, 255), None),
     ],
 )
 def test_a_range_downwards_is_the_altimeters_in_the_autopilots_time(message: MavMessage, range_m: float | None) -> None:

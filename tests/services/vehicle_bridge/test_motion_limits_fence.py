@@ -9,7 +9,7 @@ from jezero.base.fence import nearest
 from jezero.base.frames import Vec3, add, scale, subtract
 from jezero.base.vehicle_config import VehicleLimitsConfig
 from jezero.schemas.fence import Fence, Zone
-from jezero.services.vehicle_bridge.motion_limits import limited_target
+from jezero.services.vehicle_bridge.motion_limits import inward_target, limited_target
 from jezero.services.vehicle_bridge.vehicle import Target, VehicleSnapshot
 
 FIELD = Zone(name="field", corners_ned_m=((-20.0, -20.0), (20.0, -20.0), (20.0, 20.0), (-20.0, 20.0)))
@@ -99,6 +99,47 @@ def test_four_metres_per_second_are_limited_from_where_the_vehicle_can_just_stop
     assert bool(reason) is (limited_to_mps is not None)
 
 
+OUTSIDE, INSIDE = (10.0, 0.0, -3.0), (8.0, 0.0, -3.0)
+
+
+@pytest.mark.parametrize(
+    ("target", "inside_ned_m", "expected"),
+    [
+        (point((10.0, 0.0, -5.0)), INSIDE, point((9.0, 0.0, -5.0))),
+        (point((12.0, 0.0, -3.0)), INSIDE, point((9.0, 0.0, -3.0))),
+        (point((9.5, 0.0, -3.0)), INSIDE, point((9.0, 0.0, -3.0))),
+        (point((10.0, 0.0, -3.0)), (9.6, 0.0, -3.0), point((9.6, 0.0, -3.0))),
+        (point((10.0, 0.0, -3.0)), (10.0, 3.0, -3.0), point((10.0, 1.0, -3.0))),
+        (Target(None, (0.5, 2.0, 0.0), None, 0.0), INSIDE, Target(None, (-1.0, 2.0, 0.0), None, 0.0)),
+        (
+            Target((10.0, 0.0, -3.0), (0.6, 0.0, 0.0), None, 0.0),
+            INSIDE,
+            Target((8.4, 0.0, -3.0), (0.6, 0.0, 0.0), None, 0.0),
+        ),
+    ],
+)
+def test_a_vehicle_outside_is_led_in_at_1_mps_whatever_its_target_is(
+    target: Target, inside_ned_m: Vec3, expected: Target
+) -> None:
+    """A point that is 1 m away leads at 1 m/s; nearer than that to the point inside, the vehicle gets slower."""
+    led = inward_target(target, OUTSIDE, inside_ned_m)
+    assert led.pos_ned_m == (None if expected.pos_ned_m is None else pytest.approx(expected.pos_ned_m))
+    assert led.vel_ned_mps == (None if expected.vel_ned_mps is None else pytest.approx(expected.vel_ned_mps))
+
+
+@pytest.mark.parametrize(
+    "target",
+    [
+        point((8.5, 0.0, -3.0)),
+        Target(None, (-1.5, 2.0, 0.0), None, 0.0),
+        Target((9.5, 0.0, -3.0), (-0.7, 0.0, 0.0), None, 0.0),
+    ],
+)
+def test_a_target_that_leads_a_vehicle_inside_by_itself_is_not_changed(target: Target) -> None:
+    assert inward_target(target, OUTSIDE, INSIDE) is target
+    assert inward_target(target, INSIDE, INSIDE) is target, "it is there"
+
+
 def test_an_edge_holds_back_a_way_that_meets_it_before_the_vehicle_has_stopped_and_no_other() -> None:
     """From 2.5 m/s it stops in 3.125 m, 1.9 m west of the middle of the crater's edge and 0.37 or 0.53 m south of it;
     0.4 m are kept. The crater's corner is 3.16 m away, and √(2 · 2.76) = 2.35 m/s are permitted towards it."""
@@ -129,6 +170,28 @@ def test_a_vehicle_that_is_too_fast_to_stop_brakes_and_nothing_else(towards: tup
     assert limited.vel_ned_mps is not None and limited.pos_ned_m is not None
     assert limited.vel_ned_mps[0] * north + limited.vel_ned_mps[1] * east < 0.0, "a target behind it is obeyed"
     assert limited.pos_ned_m == pytest.approx((19.0 * north, 19.0 * east, -2.0)), "only its height is kept"
+
+
+@pytest.mark.parametrize(("lead_m", "vel_mps"), [(0.0, 2.0), (0.5, 1.5), (1.0, 1.0), (3.0, 0.0), (-1.0, 2.0)])
+def test_point_and_velocity_together_lead_no_faster_to_the_fence_than_the_vehicle_can_stop(
+    lead_m: float, vel_mps: float
+) -> None:
+    """2.4 m before the fence 2 m/s are permitted. The autopilot makes up to 1 m/s of a point that is 1 m away; one on
+    the other side makes the vehicle no faster."""
+    target = Target((0.0, 17.6 + lead_m, -3.0), (0.0, 5.0, 0.0), None, 0.0)
+    limited, _ = limited_target(FENCE, LIMITS, target, at((0.0, 17.6, -3.0)), floor_holds=True)
+    assert limited.pos_ned_m == pytest.approx((0.0, 17.6 + min(lead_m, 2.0), -3.0))
+    assert limited.vel_ned_mps == pytest.approx((0.0, vel_mps, 0.0), abs=2e-3)
+
+
+def test_a_vehicle_that_comes_near_the_fence_no_faster_than_permitted_stops_where_its_target_says() -> None:
+    """2.4 m before the fence 2 m/s are permitted; it flies at 1 m/s towards it, and at 6 m/s along it."""
+    vehicle, stop = at((0.0, 17.6, -3.0), (6.0, 1.0, 0.0)), speed((0.0, 0.0, 0.0))
+    assert limited_target(FENCE, LIMITS, stop, vehicle, floor_holds=True) == (stop, "")
+    faster = at((0.0, 17.6, -3.0), (6.0, 3.0, 0.0))
+    limited, reason = limited_target(FENCE, LIMITS, stop, faster, floor_holds=True)
+    assert limited.vel_ned_mps == pytest.approx((6.0, 0.0, 0.0)), "all of its tilt serves to brake"
+    assert "'field'" in reason
 
 
 def test_the_floor_does_not_hold_in_a_landing() -> None:

@@ -10,7 +10,7 @@ from jezero.runtime.service import Health
 from jezero.schemas.commands import Hover, Phase
 from jezero.schemas.state import StatusCode
 from jezero.schemas.topics import HOVER
-from jezero.services.vehicle_bridge.motion_limits import slowed_target
+from jezero.services.vehicle_bridge.motion_limits import limited_target, slowed_target
 from jezero.services.vehicle_bridge.vehicle import Target, VehicleSnapshot
 from tests.services.vehicle_bridge.rig import Rig
 
@@ -107,8 +107,30 @@ def test_random_setpoints_never_lead_beyond_the_limits() -> None:
         assert norm((sent.vx, sent.vy, sent.vz)) <= 8.0 + 1e-3
 
 
+@pytest.mark.parametrize(
+    ("target", "name"),
+    [
+        (Target(None, (12.0, 0.0, 0.0), None, 0.0), "the greatest speed of 6 m/s"),
+        (Target(None, (1.0, 0.0, 0.0), (30.0, 0.0, 0.0), 0.0), "the greatest speed of 6 m/s"),
+        (Target((0.0, 100.0, -5.0), None, None, 0.0), "the greatest distance of 40 m"),
+        (Target((41.0, 0.0, -60.0), None, None, 0.0), "the greatest height of 30 m"),
+        (Target((3.0, 0.0, -8.0), (3.0, 0.0, 0.0), (5.0, 0.0, 0.0), 0.0), ""),
+    ],
+)
+def test_each_limit_is_named_alone_with_its_value(target: Target, name: str) -> None:
+    """The walls of height and distance are far from the vehicle, but for that of a point above it."""
+    vehicle = VehicleSnapshot(t_ns=0, timer_ns=0, pos_ned_m=(0.0, 0.0, -5.0))
+    limited, named = limited_target(None, LIMITS, target, vehicle, floor_holds=True)
+    assert named == name
+    assert (limited is target) is (name == "")
+
+
 def test_without_a_position_only_the_speed_is_limited() -> None:
-    limited, name = slowed_target(LIMITS, Target(None, (0.0, 0.0, -20.0), None, 0.0))
+    nowhere = VehicleSnapshot(t_ns=0, timer_ns=0)
+    assert nowhere.pos_ned_m is None
+    rising = Target(None, (0.0, 0.0, -20.0), None, 0.0)
+    limited, name = limited_target(None, LIMITS, rising, nowhere, floor_holds=True)
     assert limited.vel_ned_mps == pytest.approx((0.0, 0.0, -8.0))
     assert name == "the greatest speed of 6 m/s"
-    assert VehicleSnapshot(t_ns=0, timer_ns=0).pos_ned_m is None
+    far = Target((0.0, 90.0, -90.0), (0.0, 0.0, -5.0), None, 0.0)
+    assert limited_target(None, LIMITS, far, nowhere, floor_holds=True) == (far, "")

@@ -65,6 +65,36 @@ def test_a_lost_one_is_set_again() -> None:
     assert setter.pending == ()
 
 
+def test_each_of_several_has_its_own_tries_and_they_are_sent_again_together_three_times_a_second() -> None:
+    setter, ms = ParameterSetter({"A": 1, "B": 2.5, "C": -3}), 1_000_000
+    sent_ms = {t: [name for name, _, _ in sent] for t in range(0, 6000, 100) if (sent := setter.due(t * ms))}
+    assert list(sent_ms) == [300 * number for number in range(TRIES)]
+    assert all(names == ["A", "B", "C"] for names in sent_ms.values())
+    assert setter.pending == ()
+    assert setter.failure_text == "; ".join(f"parameter {name} is unknown to the autopilot" for name in "ABC")
+    setter.restart()
+    assert setter.failure_text == ""
+    assert [name for name, _, _ in setter.due(0)] == ["A", "B", "C"], "another autopilot"
+
+
+def test_what_another_autopilot_had_is_not_said_of_the_present_one() -> None:
+    setter = ParameterSetter({"A": 99})
+    setter.confirm("A", *encoded(3))
+    setter.restart()
+    for i in range(TRIES + 1):
+        setter.due(i * S)
+    assert setter.failure_text == "parameter A is unknown to the autopilot"
+
+
+def test_a_value_that_is_refused_is_named_as_the_autopilot_has_it() -> None:
+    setter = ParameterSetter({"A": 99, "B": 2.0})
+    setter.confirm("A", *encoded(-3))
+    setter.confirm("B", 0.5, REAL32)
+    for i in range(TRIES + 1):
+        setter.due(i * S)
+    assert setter.failure_text == "parameter A stays -3; parameter B stays 0.5"
+
+
 def test_the_batterys_critical_level_is_requested_until_it_comes_and_follows_changes() -> None:
     rig = rig_with({"BAT_CRIT_THR": 0.07}, {})
     rig.autopilot.battery_percent = 87

@@ -4,6 +4,7 @@ from math import cos, sin, sqrt, tan
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from scipy.spatial.transform import Rotation
 
 from jezero.base.frames import Quat, Vec3
@@ -129,6 +130,95 @@ def test_the_mean_begins_with_the_first_samples_and_follows_a_wind_that_rises_la
     assert estimator.wind.mean_ned_mps == pytest.approx((0.632 * north_mps, 0.632 * east_mps, 0.0), abs=0.01)
     # 0.632 of the weight is on 3 m/s and the rest on 0; a component has half of the variance.
     assert estimator.wind.std_gust_mps == pytest.approx(3.0 * sqrt(0.5 * 0.632 * 0.368), abs=0.01)
+
+
+def leveled(t_s: float, vel_ned_mps: Vec3 = (3.0, 0.0, 0.0)) -> Odometry:
+    """Odometry of a level vehicle that the wind carries along."""
+    return Odometry(
+        t_ns=1 + round(t_s * 1e9),
+        epoch_id=1,
+        pos_uav_ned_m=(0.0, 0.0, -3.0),
+        vel_uav_ned_mps=vel_ned_mps,
+        q_ned_from_frd=pitched(0.0),
+        rates_uav_frd_rps=STILL,
+    )
+
+
+def aloft(height_m: float | None = 3.0) -> VehicleSnapshot:
+    return VehicleSnapshot(t_ns=0, timer_ns=0, armed=True, landed=False, height_m=height_m)
+
+
+@pytest.mark.parametrize(("height_m", "known"), [(0.7, True), (0.3, False), (None, False)])
+def test_near_the_ground_and_without_a_height_the_wind_is_not_estimated(height_m: float | None, known: bool) -> None:
+    estimator = WindEstimator(ROBOT)
+    for step in range(200):
+        estimator.update(leveled(0.02 * step), aloft(height_m))
+    assert (estimator.wind is not None) is known
+
+
+def test_the_wind_stays_as_it_is_while_the_vehicle_is_near_the_ground() -> None:
+    estimator = WindEstimator(ROBOT)
+    fly_level(estimator, 0.0, 3.0, (3.0, 0.0, 0.0))
+    before = estimator.wind
+    for step in range(200):
+        estimator.update(leveled(4.0 + 0.02 * step, (-3.0, 0.0, 0.0)), aloft(0.2))
+    assert before is not None and estimator.wind == before
+
+
+@pytest.mark.parametrize(("period_s", "known"), [(0.02, True), (0.15, True), (0.25, False)])
+def test_odometry_with_long_gaps_gives_no_wind(period_s: float, known: bool) -> None:
+    estimator = WindEstimator(ROBOT)
+    for step in range(round(10.0 / period_s)):
+        estimator.update(leveled(period_s * step), aloft())
+    assert (estimator.wind is not None) is known
+
+
+def test_the_wind_is_known_after_about_two_seconds_of_flight() -> None:
+    estimator, known_s = WindEstimator(ROBOT), []
+    for step in range(200):
+        estimator.update(leveled(0.02 * step), aloft())
+        known_s += [0.02 * step] if estimator.wind is not None else []
+    assert 1.5 < known_s[0] < 2.5
+
+
+def test_a_sample_is_not_made_across_a_gap_or_a_landing() -> None:
+    """The velocity jumps meanwhile, which would be an acceleration that the drag doesn't explain."""
+    estimator = WindEstimator(ROBOT)
+    fly_level(estimator, 0.0, 3.0, (3.0, 0.0, 0.0))
+    for number, height_m in enumerate((3.0, 0.2, 3.0)):
+        for step in range(15):
+            estimator.update(leveled(5.0 + 0.3 * number + 0.02 * step, (3.0 + number, 0.0, 0.0)), aloft(height_m))
+    assert estimator.wind is not None
+    assert estimator.wind.mean_ned_mps == pytest.approx((3.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(("roll_rad", "known"), [(0.9, True), (1.2, False)])
+def test_a_vehicle_beyond_60_degrees_of_tilt_says_nothing_about_the_wind(roll_rad: float, known: bool) -> None:
+    rolled = (cos(roll_rad / 2.0), sin(roll_rad / 2.0), 0.0, 0.0)
+    assert (wind_ned_mps(STILL, STILL, rolled, ROBOT) is not None) is known
+
+
+@pytest.mark.parametrize("down_mps", [0.0, -2.0, 1.0])
+def test_a_steady_climb_or_descent_is_no_acceleration(down_mps: float) -> None:
+    """Nose down by 0.2 rad, it leans into a wind from the north. In the plane of the rotors the motion through the air
+    is that of the wind and of the climb: 0.45 v + 0.036 v² = 1.5 · 9.81 · sin(0.2), v = -wind · cos(0.2) - down ·
+    sin(-0.2)."""
+    estimator = WindEstimator(ROBOT)
+    for step in range(150):
+        odometry = replace(leveled(0.02 * step, (0.0, 0.0, down_mps)), q_ned_from_frd=pitched(-0.2))
+        estimator.update(odometry, aloft())
+    in_plane_mps = (sqrt(0.45**2 + 4.0 * 0.036 * 1.5 * 9.81 * sin(0.2)) - 0.45) / (2.0 * 0.036)
+    north_mps = -(in_plane_mps - down_mps * sin(0.2)) / cos(0.2)
+    assert estimator.wind is not None
+    assert estimator.wind.mean_ned_mps == pytest.approx((north_mps, 0.0, 0.0), abs=1e-3)
+
+
+def test_a_vehicle_that_spins_upside_down_adds_no_sample() -> None:
+    estimator = WindEstimator(ROBOT)
+    for step in range(200):
+        odometry = replace(leveled(0.02 * step), q_ned_from_frd=pitched(3.0))
+        estimator.update(odometry, aloft())
+    assert estimator.wind is None
 
 
 def test_the_wind_is_found_while_it_carries_a_level_vehicle_along() -> None:
