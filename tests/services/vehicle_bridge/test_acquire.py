@@ -152,6 +152,15 @@ def test_a_goal_that_has_flown_is_not_flown_again_and_one_that_sent_no_setpoint_
     assert rig.acquire("go_to", goal_id="waiting").granted
 
 
+def test_a_goal_that_has_sent_a_single_setpoint_has_flown() -> None:
+    rig = Rig().fly()
+    control_id = rig.acquire("go_to", goal_id="short").control_id
+    rig.setpoint(control_id, Phase.GO_TO)
+    rig.step()
+    assert rig.release(control_id, "canceled").released
+    assert "has flown already" in rig.acquire("go_to", goal_id="short").reason
+
+
 def test_a_request_that_only_checks_gets_the_decision_and_changes_nothing() -> None:
     rig = Rig().fly()
     before = rig.status

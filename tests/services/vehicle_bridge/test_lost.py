@@ -63,6 +63,29 @@ def test_a_setpoint_computed_before_a_reset_is_moved_and_one_after_it_is_not() -
     assert rig.autopilot.setpoints[-1].y == pytest.approx(-0.7)
 
 
+def test_a_position_reset_of_a_vehicle_that_stands_moves_its_take_off_point_alone() -> None:
+    rig = Rig().ready()
+    rig.autopilot.pos[1] += 2.0
+    rig.autopilot.reset_counter += 1
+    rig.run(0.2)
+    assert rig.codes == [0] and rig.autopilot.setpoints == []
+    rig.fly()
+    assert rig.status.takeoff_ned_m == (0.0, 2.0, 0.0)
+
+
+def test_a_climb_after_an_abort_goes_on_where_a_position_reset_moves_the_vehicle_beyond_the_limits() -> None:
+    rig = Rig().fly(height_m=0.5)
+    rig.go("go_to", Phase.GO_TO)
+    rig.post(ABORT, Abort())
+    rig.step()
+    assert rig.autopilot.setpoints[-1].z == pytest.approx(-1.5)
+    rig.autopilot.pos[0] += 600.0
+    rig.autopilot.reset_counter += 1
+    rig.run(0.1)
+    assert rig.status.code == 12
+    assert rig.autopilot.setpoints[-1].z == pytest.approx(-1.5)
+
+
 def test_the_height_over_the_take_off_point_survives_a_vertical_reset() -> None:
     rig = Rig().fly()
     rig.go("go_to", Phase.GO_TO)
@@ -173,6 +196,18 @@ def test_a_new_epoch_ends_the_goal_and_resets_the_vehicle() -> None:
     rig.ready()
     assert rig.odometry[-1].reset_offset_ned_m == (0.0, 0.0, 0.0)
     assert rig.acquire(goal_id="g2").granted
+
+
+def test_an_idle_vehicle_that_is_respawned_stays_idle_and_takes_goals_again() -> None:
+    rig = Rig().ready()
+    waiting = rig.acquire(goal_id="waiting")
+    rig.epoch_id += 1
+    rig.step()
+    assert rig.status.text == "the vehicle was respawned"
+    assert (rig.status.grant, rig.status.in_charge) == (0, "none")
+    assert rig.release(waiting.control_id).reason == "the vehicle was respawned"
+    assert rig.ready().acquire(goal_id="next").granted
+    assert rig.codes == [0]
 
 
 def test_an_abort_that_comes_with_a_new_epoch_is_stamped_with_the_new_vehicles_time() -> None:

@@ -5,6 +5,7 @@ from math import pi
 import pytest
 
 from jezero.base.frames import quat_from_euler
+from jezero.base.mavlink import dialect
 from jezero.schemas.commands import Abort, Hover, Phase
 from jezero.schemas.topics import ABORT, HOVER
 from jezero.services.vehicle_bridge.authority import press_down_target
@@ -321,6 +322,49 @@ def test_motors_that_stop_in_flight_end_the_goal_in_13() -> None:
     rig.step()
     assert rig.status.code == 13
     assert "disarmed while the vehicle flies to a point" in rig.status.text
+
+
+def test_motors_that_stop_while_the_vehicle_climbs_from_its_takeoff_end_it_in_13() -> None:
+    rig = Rig().ready()
+    control_id = rig.acquire().control_id
+    rig.run_until(lambda: rig.status.armed, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
+    rig.lift_off()
+    rig.run(0.1, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
+    rig.autopilot.armed = False
+    rig.step()
+    assert (rig.status.code, rig.status.in_charge) == (13, "failsafe")
+    assert "disarmed while the vehicle takes off" in rig.status.text
+
+
+@pytest.mark.parametrize(("code", "doing"), [(4, "flies to a point"), (3, "hovers")])
+def test_motors_that_stop_on_the_ground_are_a_failure_unless_the_vehicle_was_to_land(code: int, doing: str) -> None:
+    rig = Rig().fly()
+    if code == 4:
+        rig.go("go_to", Phase.GO_TO)
+    rig.autopilot.landed, rig.autopilot.armed = True, False
+    rig.run(0.1)
+    assert rig.codes[-3:] == [code, 13, 0]
+    assert rig.status.text == f"the autopilot disarmed while the vehicle {doing}; landed and disarmed"
+
+
+@pytest.mark.parametrize("landed", [True, False])
+def test_motors_that_stop_at_the_end_of_a_landing_are_its_aim_and_in_the_air_they_are_not(landed: bool) -> None:
+    rig = Rig().fly()
+    control_id = rig.go("land_on_spot", Phase.LANDING)
+    rig.autopilot.landed, rig.autopilot.armed = landed, False
+    rig.run(0.2, lambda: rig.setpoint(control_id, Phase.LANDING))
+    assert rig.status.code == (8 if landed else 13)
+    assert landed or "disarmed while the vehicle lands" in rig.status.text
+    assert rig.release(control_id, then="disarm").released is landed
+    assert rig.status.code == (0 if landed else 13)
+
+
+def test_motors_that_stop_in_flight_are_explained_by_the_autopilots_warning() -> None:
+    rig = Rig().fly()
+    warning = dialect.MAVLink_statustext_message(2, b"Failure detector: attitude")
+    rig.autopilot.unasked, rig.autopilot.armed = rig.autopilot.codec.pack(warning), False
+    rig.step()
+    assert rig.status.text == "the autopilot disarmed while the vehicle hovers (Failure detector: attitude)"
 
 
 def test_an_auto_disarm_before_lift_off_ends_the_takeoff() -> None:
