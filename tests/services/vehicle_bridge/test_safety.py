@@ -352,8 +352,10 @@ def test_motors_that_stop_at_the_end_of_a_landing_are_its_aim_and_in_the_air_the
     rig = Rig().fly()
     control_id = rig.go("land_on_spot", Phase.LANDING)
     rig.autopilot.landed, rig.autopilot.armed = landed, False
+    rig.autopilot.commands.clear()
     rig.run(0.2, lambda: rig.setpoint(control_id, Phase.LANDING))
     assert rig.status.code == (8 if landed else 13)
+    assert rig.autopilot.commands == [], "above all, it isn't armed again"
     assert landed or "disarmed while the vehicle lands" in rig.status.text
     assert rig.release(control_id, then="disarm").released is landed
     assert rig.status.code == (0 if landed else 13)
