@@ -6,8 +6,8 @@ import pytest
 
 from jezero.base.frames import quat_from_euler
 from jezero.base.mavlink import dialect
-from jezero.schemas.commands import Abort, Hover, Phase
-from jezero.schemas.topics import ABORT, HOVER
+from jezero.schemas.commands import Abort, Hover, Phase, Release
+from jezero.schemas.topics import ABORT, HOVER, RELEASE
 from jezero.services.vehicle_bridge.authority import press_down_target
 from jezero.services.vehicle_bridge.vehicle import Target, VehicleSnapshot
 from tests.services.vehicle_bridge.rig import ARM, CRITICAL, MODES, Rig
@@ -141,6 +141,52 @@ def test_an_abort_without_a_goal_says_so() -> None:
     assert not reply.hovering
     assert "no goal was in charge" in reply.reason
     assert rig.fly().request(ABORT, Abort()).hovering
+
+
+def test_an_abort_under_a_pilot_does_not_claim_that_the_bridge_makes_the_vehicle_hover() -> None:
+    rig = Rig().fly()
+    rig.autopilot.mode = MODES["POSCTL"]
+    rig.run(0.1)
+    reply = rig.request(ABORT, Abort())
+    assert not reply.hovering
+    assert reply.reason == "no goal was in charge, the vehicle is under other command"
+
+
+def test_an_abort_of_a_vehicle_that_is_being_disarmed_does_not_claim_a_hover() -> None:
+    rig = Rig().fly()
+    control_id = rig.go("land_on_spot", Phase.LANDING)
+    rig.post(RELEASE, Release(control_id=control_id, outcome="succeeded", then="disarm"))
+    rig.step()
+    assert rig.status.code == 9
+    assert not rig.request(ABORT, Abort()).hovering
+
+
+def test_a_hover_that_is_requested_before_lift_off_disarms_and_says_that_the_vehicle_does_not_hover() -> None:
+    rig = Rig().ready()
+    control_id = rig.acquire().control_id
+    rig.run_until(lambda: rig.status.armed, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
+    reply = rig.request(HOVER, Hover())
+    assert not reply.hover_mode
+    assert reply.reason == "the goal takeoff ended: hover was requested"
+    assert rig.status.code == 0
+    assert not rig.autopilot.armed
+
+
+@pytest.mark.parametrize("request_kind", ["hover", "release"])
+def test_a_pilot_who_takes_over_before_the_hover_has_begun_is_named_in_its_reply(request_kind: str) -> None:
+    rig = Rig().fly()
+    control_id = rig.go("go_to", Phase.GO_TO)
+    if request_kind == "hover":
+        request = rig.post(HOVER, Hover())
+    else:
+        request = rig.post(RELEASE, Release(control_id=control_id, outcome="succeeded"))
+    rig.step()
+    assert request not in rig.replies, "the hover begins after a tenth of a second"
+    rig.autopilot.mode = MODES["POSCTL"]
+    rig.run_until(lambda: request in rig.replies, limit_s=0.2)
+    reply = rig.replies[request]
+    assert not (reply.hover_mode if request_kind == "hover" else reply.released)
+    assert reply.reason == "taken over: the autopilot was switched to POSCTL"
 
 
 @pytest.mark.parametrize("outcome", ["canceled", "aborted"])
