@@ -72,6 +72,26 @@ def test_the_status_says_whether_a_goal_has_begun_or_begins_with_a_takeoff() -> 
     assert rig.status.text == "the goal return home has begun"
 
 
+def test_a_pause_is_in_the_status_from_its_first_setpoint_to_its_last() -> None:
+    rig = Rig().fly()
+    control_id = rig.go("go_to", Phase.GO_TO)
+    rig.statuses.clear()
+    rig.setpoint(control_id, Phase.GO_TO, paused=True)
+    rig.step()
+    assert rig.status.paused
+    assert rig.status.text == "the goal go to is paused"
+    rig.run(0.2, lambda: rig.setpoint(control_id, Phase.GO_TO, paused=True))
+    rig.statuses.clear()
+    rig.setpoint(control_id, Phase.GO_TO)
+    rig.step()
+    assert not rig.status.paused
+    assert rig.status.text == "the goal go to goes on"
+    rig.setpoint(control_id, Phase.GO_TO, paused=True)
+    rig.step()
+    rig.request(ABORT, Abort())
+    assert not rig.status.paused
+
+
 def test_nobody_is_in_charge_of_an_idle_vehicle() -> None:
     assert Rig().ready().status.in_charge == "none"
 

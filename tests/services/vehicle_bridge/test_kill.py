@@ -5,8 +5,8 @@ from functools import partial
 import pytest
 
 from jezero.base.mavlink import dialect
-from jezero.schemas.commands import Kill, Phase, Release
-from jezero.schemas.topics import KILL, RELEASE
+from jezero.schemas.commands import Hover, Kill, Phase, Release
+from jezero.schemas.topics import HOVER, KILL, RELEASE
 from tests.services.vehicle_bridge.rig import ARM, Rig
 
 
@@ -95,6 +95,19 @@ def test_a_kill_that_the_autopilot_does_not_hear_is_reported_after_three_seconds
     expected = "the autopilot has not confirmed it, the bridge keeps trying" + (f": {warning}" if warning else "")
     assert rig.replies[request].reason == expected
     assert 3.0 <= (rig.reply_t_ns[request] - posted_ns) * 1e-9 <= 3.2
+    rig.autopilot.lost_commands = 0
+    rig.run(1.0)
+    assert not rig.autopilot.armed
+
+
+def test_a_kill_is_not_undone_by_a_hover_before_the_motors_are_off() -> None:
+    rig = Rig().fly()
+    rig.autopilot.lost_commands = 10_000
+    rig.post(KILL, Kill(confirm=True, vehicle="uav1"))
+    rig.step()
+    reply = rig.request(HOVER, Hover())
+    assert not reply.hover_mode
+    assert "in the air only, and the vehicle is under other command: motors cut on request" in reply.reason
     rig.autopilot.lost_commands = 0
     rig.run(1.0)
     assert not rig.autopilot.armed
