@@ -1,13 +1,16 @@
 """The bridge beside a real flight controller: it is the master of vehicle time, and says in words what is missing."""
 
+from typing import Literal
+
 import pytest
 from msgspec.structs import replace
 
 from jezero.base.mavlink import dialect
+from jezero.base.vehicle_config import CameraMountConfig, VehicleConfig
 from jezero.runtime.service import Health
 from jezero.schemas.commands import Hover, Kill, Phase
 from jezero.schemas.state import StatusCode
-from jezero.schemas.topics import HOVER, KILL
+from jezero.schemas.topics import ALTIMETER, CAMERA_PITCH, CLOCK, HOVER, KILL
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from tests.services.vehicle_bridge.rig import FakeAutopilot, Rig
 
@@ -57,6 +60,19 @@ def test_a_boot_in_flight_begins_a_new_epoch_and_ends_the_goal_with_its_reason()
     assert rig.status.code in (StatusCode.IDLE, StatusCode.EXTERNAL)
     assert any("the flight controller was booted anew" in status.text for status in rig.statuses)
     assert abs(clock_error_ns(rig)) <= 20_000_000
+
+
+@pytest.mark.parametrize(
+    ("link", "gimbal", "points"),
+    [(LINK, "mavlink", True), (LINK, "fixed", False), ("", "mavlink", False), ("", "fixed", False)],
+)
+def test_only_a_real_vehicles_bridge_publishes_time_and_ranges_and_points_the_camera_if_it_has_a_gimbal(
+    link: str, gimbal: Literal["fixed", "mavlink"], points: bool
+) -> None:
+    robot = VehicleConfig(camera=CameraMountConfig(gimbal=gimbal))
+    spec = Rig(replace(VehicleBridgeConfig(), link=link), robot).bridge.spec
+    assert (CAMERA_PITCH in spec.inputs) is points
+    assert (CLOCK in spec.outputs) is (ALTIMETER in spec.outputs) is bool(link)
 
 
 def test_what_is_missing_is_said_with_the_links_name() -> None:

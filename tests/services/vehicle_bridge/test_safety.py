@@ -54,6 +54,20 @@ def test_the_altimeter_is_corrected_for_tilt(tilt_rad: tuple[float, float]) -> N
     assert rig.autopilot.setpoints[-1].z == pytest.approx(-2.0 - (1.5 - 1.1 * 0.8253), abs=1e-3)
 
 
+@pytest.mark.parametrize(("silent_s", "z_ned_m"), [(0.2, -3.0), (0.4, -2.0)])
+def test_a_reading_of_the_altimeter_counts_for_three_tenths_of_a_second(silent_s: float, z_ned_m: float) -> None:
+    """After that the height is the one over the take-off point, 2 m, from which nothing climbs."""
+    rig = Rig().fly(height_m=2.0)
+    control_id = rig.go("go_to", Phase.GO_TO)
+    rig.range_m = 0.5
+    rig.run(0.1, lambda: rig.setpoint(control_id, Phase.GO_TO))
+    rig.range_m = None
+    rig.run(silent_s, lambda: rig.setpoint(control_id, Phase.GO_TO))
+    rig.post(ABORT, Abort())
+    rig.step()
+    assert rig.autopilot.setpoints[-1].z == pytest.approx(z_ned_m)
+
+
 def test_a_climb_that_gets_nowhere_ends_after_five_seconds() -> None:
     """The vehicle drifts: one that stands still is wedged."""
     rig = Rig().fly(height_m=0.5)

@@ -24,3 +24,11 @@ def test_time_that_steps_back_is_not_counted_twice_for_a_tenth_of_a_second_at_mo
         timer.update(t_ms * 1_000_000)
         found.append(timer.now_ns // 1_000_000)
     assert tuple(found) == timer_ms
+
+
+def test_the_start_is_the_vehicle_time_of_the_first_update() -> None:
+    timer = Timer()
+    assert timer.started_ns == 0
+    for t_ms in (5000, 5500, 7600):
+        timer.update(t_ms * 1_000_000)
+        assert timer.started_ns == 5_000_000_000
