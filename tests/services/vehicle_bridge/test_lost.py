@@ -7,6 +7,7 @@ from jezero.base.vehicle_config import VehicleConfig, VehicleLimitsConfig
 from jezero.runtime.service import Subscribe
 from jezero.schemas.commands import Abort, Acquire, Hover, Phase, Release
 from jezero.schemas.topics import ABORT, ACQUIRE, ALTIMETER, HOVER, RELEASE
+from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from tests.services.vehicle_bridge.rig import BOOT_ID, MODES, Rig
 
 TARGETS = [("go_to", Phase.GO_TO), ("land_on_spot", Phase.LANDING)]
@@ -149,6 +150,20 @@ def test_without_its_router_for_thirty_seconds_the_bridge_lands(seconds: float, 
     assert (rig.autopilot.mode == MODES["LAND"]) == lands
     assert rig.status.code == (13 if lands else 3)
     assert not lands or "router" in rig.status.text
+
+
+def test_the_time_without_a_router_counts_from_its_last_sign_of_life() -> None:
+    rig = Rig(VehicleBridgeConfig(router_timeout_s=1.0))
+    rig.box.wall_ns = 86_400_000_000_000
+    rig.fly()
+    rig.run(1.5)
+    for connected, seconds in ((False, 0.9), (True, 0.1), (False, 0.9), (True, 0.1), (False, 0.9)):
+        rig.box.connected = connected
+        rig.run(seconds)
+    assert rig.status.code == 3
+    rig.run(0.2)
+    assert rig.status.code == 13
+    assert rig.autopilot.mode == MODES["LAND"]
 
 
 def test_a_pilot_who_takes_over_before_the_command_to_land_has_arrived_keeps_control() -> None:

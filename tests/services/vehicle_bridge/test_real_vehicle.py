@@ -1,14 +1,15 @@
 """The bridge beside a real flight controller: it is the master of vehicle time, and says in words what is missing."""
 
-from typing import Literal
+from typing import Any, Literal
 
 import pytest
 from msgspec.structs import replace
 
-from jezero.base.mavlink import dialect
+from jezero.base.frames import q_frd_from_gimbal
+from jezero.base.mavlink import MavlinkCodec, dialect
 from jezero.base.vehicle_config import CameraMountConfig, VehicleConfig
-from jezero.runtime.service import Health
-from jezero.schemas.commands import Hover, Kill, Phase
+from jezero.runtime.service import Health, Publish, Send
+from jezero.schemas.commands import CameraPitch, Hover, Kill, Phase
 from jezero.schemas.state import StatusCode
 from jezero.schemas.topics import ALTIMETER, CAMERA_PITCH, CLOCK, HOVER, KILL
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
@@ -27,6 +28,18 @@ def health_of(rig: Rig) -> str:
     return [output.text for output in rig.outputs if isinstance(output, Health)][-1]
 
 
+def sent_by(rig: Rig) -> list[Any]:
+    """All messages that the bridge has sent to the flight controller."""
+    return MavlinkCodec(255, 1).parse(b"".join(output.data for output in rig.outputs if isinstance(output, Send)))
+
+
+def requested_ids(rig: Rig) -> set[int]:
+    """Kinds of the messages that the bridge has requested to come regularly."""
+    interval = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
+    commands = (m for m in sent_by(rig) if m.get_msgId() == dialect.MAVLINK_MSG_ID_COMMAND_LONG)
+    return {int(m.param1) for m in commands if m.command == interval}
+
+
 def clock_error_ns(rig: Rig) -> int:
     """Vehicle time by the last clock minus that of the controller."""
     clock = rig.clocks[-1]
@@ -40,6 +53,40 @@ def test_vehicle_time_is_the_controllers_and_the_vehicle_flies() -> None:
     assert rig.status.t_ns == pytest.approx(rig.t_ns, abs=120e6)
     rig.go("takeoff", Phase.TAKEOFF)
     assert rig.status.code == StatusCode.TAKEOFF
+
+
+def test_the_clock_is_stamped_with_the_time_of_the_computer_with_the_stalls_of_the_bridge() -> None:
+    """Another process, which did not stall with the bridge, compares the stamp with its own monotonic clock."""
+    rig = real()
+    rig.box.stalled_ns = 3_000_000_000
+    rig.ready()
+    assert rig.clocks[-1].wall_ns - rig.box.wall_ns == pytest.approx(rig.box.stalled_ns, abs=500e6)
+
+
+def test_ranges_of_the_flight_controller_are_published_as_the_altimeters() -> None:
+    rig = real().ready()
+    rig.outputs.clear()
+    down = dialect.MAV_SENSOR_ROTATION_PITCH_270
+    rig.autopilot.unasked = rig.autopilot.codec.pack(
+        dialect.MAVLink_distance_sensor_message(rig.autopilot.t_us // 1000, 20, 1000, 300, 0, 0, down, 255)
+    )
+    rig.step()
+    published = [output.message for output in rig.outputs if isinstance(output, Publish) and output.topic is ALTIMETER]
+    assert [message.range_m for message in published] == [3.0]
+
+
+def test_the_camera_on_a_gimbal_is_turned_as_commanded() -> None:
+    robot = VehicleConfig(camera=CameraMountConfig(gimbal="mavlink"))
+    rig = Rig(CONFIG, robot).ready()
+
+    def aimed() -> tuple[float, ...]:
+        kind = dialect.MAVLINK_MSG_ID_GIMBAL_MANAGER_SET_ATTITUDE
+        return tuple([message for message in sent_by(rig) if message.get_msgId() == kind][-1].q)
+
+    assert aimed() == pytest.approx(q_frd_from_gimbal(robot.camera.pitch_rest_rad, 0.0), abs=1e-3)
+    command = CameraPitch(t_ns=rig.t_ns, pitch_camera_rad=-0.7)
+    rig.run(0.5, lambda: rig.box.put(CAMERA_PITCH, command))
+    assert aimed() == pytest.approx(q_frd_from_gimbal(-0.7, 0.0), abs=1e-3)
 
 
 def test_a_real_controller_gets_no_parameters_of_the_simulated_vehicle() -> None:
@@ -186,6 +233,43 @@ def test_a_narrow_line_gets_no_more_setpoints_than_it_carries() -> None:
     rig.autopilot.setpoints.clear()
     rig.run(2.0, lambda: rig.setpoint(control_id, Phase.TAKEOFF))  # 50 a second
     assert 45 <= len(rig.autopilot.setpoints) <= 61
+
+
+def test_smaller_messages_are_requested_at_once_of_a_line_that_brings_too_little_odometry() -> None:
+    rig = real()
+    telemetry = rig.autopilot.telemetry
+
+    def every_fifth() -> bytes:
+        return telemetry() if rig.t_ns // 20_000_000 % 5 == 0 else b""
+
+    rig.autopilot.telemetry = every_fifth  # type: ignore[method-assign]
+    rig.run(5.8)
+    assert dialect.MAVLINK_MSG_ID_ODOMETRY in requested_ids(rig)
+    assert dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED not in requested_ids(rig)
+    rig.run(0.6)
+    small = {dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION}
+    assert small <= requested_ids(rig)
+
+
+@pytest.mark.parametrize(("delay_ms", "narrow"), [(20, False), (100, True)])
+def test_a_line_that_is_slow_to_reply_is_full_although_enough_odometry_comes(delay_ms: int, narrow: bool) -> None:
+    rig = real()
+    handle, telemetry = rig.autopilot.handle, rig.autopilot.telemetry
+    late: list[tuple[int, bytes]] = []
+
+    def keep_replies(data: bytes) -> bytes:
+        late.append((rig.t_ns + delay_ms * 1_000_000, handle(data)))
+        return b""
+
+    def with_late_replies() -> bytes:
+        due = [each for each in late if each[0] <= rig.t_ns]
+        late[:] = [each for each in late if each[0] > rig.t_ns]
+        return b"".join(reply for _, reply in due) + telemetry()
+
+    rig.autopilot.handle = keep_replies  # type: ignore[method-assign]
+    rig.autopilot.telemetry = with_late_replies  # type: ignore[method-assign]
+    rig.run(8.0)
+    assert (dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED in requested_ids(rig)) is narrow
 
 
 def test_nothing_takes_off_before_the_rate_is_known() -> None:

@@ -57,6 +57,16 @@ def test_a_signed_link_still_carries_messages_both_ways_after_two_minutes() -> N
     assert "signature" not in health_of(rig)
 
 
+def test_a_signed_link_works_on_a_computer_that_has_run_for_days() -> None:
+    rig = SignedRig(KEY, KEY)
+    rig.box.wall_ns += 5 * 86_400 * NS_PER_S
+    rig._start_ns = rig.box.wall_ns
+    rig.ready()
+    rig.go("takeoff", Phase.TAKEOFF)
+    assert rig.status.code == StatusCode.TAKEOFF
+    assert rig.autopilot.setpoints
+
+
 def test_with_another_key_nothing_is_taken_and_the_status_says_what_to_do() -> None:
     rig = SignedRig(KEY, OTHER)
     rig.run(5.0)
