@@ -168,6 +168,31 @@ def test_a_goal_is_refused_in_the_wrong_status_and_without_what_it_needs(
         assert agrees(acquire_refusal(request, code, None, "why", vehicle(**fields)), expected)
 
 
+@pytest.mark.parametrize(
+    ("action", "code", "hz", "begin", "end"),
+    [
+        (
+            "takeoff",
+            StatusCode.IDLE,
+            7.0,
+            "odometry comes at 7 Hz over udp, and takeoff needs 8 Hz: ",
+            "better network",
+        ),
+        ("takeoff", StatusCode.IDLE, 9.0, "", ""),
+        ("go_to", StatusCode.HOVER, 9.0, "", ""),
+        ("land_on_spot", StatusCode.HOVER, 14.0, "odometry comes at 14 Hz", ". jezero return lands with 8 Hz"),
+        ("land_on_spot", StatusCode.HOVER, 16.0, "", ""),
+        ("land_on_spot", StatusCode.HOVER, None, "", ""),
+    ],
+)
+def test_a_goal_is_refused_where_odometry_comes_too_rarely_for_it_and_in_the_air_with_a_way_down(
+    action: str, code: StatusCode, hz: float | None, begin: str, end: str
+) -> None:
+    measured = vehicle(armed=code is StatusCode.HOVER, odometry_hz=hz, line="udp")
+    refusal = acquire_refusal(Acquire(goal_id="g", action=action), code, None, "", measured)
+    assert refusal.startswith(begin) and refusal.endswith(end) and bool(refusal) is bool(begin)
+
+
 def test_who_is_in_charge_is_the_first_reason_of_a_refusal() -> None:
     holder = Grant("c", "other", "get_images", (), T_NS)
     request = Acquire(goal_id="g", action="takeoff")

@@ -74,6 +74,18 @@ def test_a_position_reset_of_a_vehicle_that_stands_moves_its_take_off_point_alon
     assert rig.status.takeoff_ned_m == (0.0, 2.0, 0.0)
 
 
+def test_a_position_reset_of_a_vehicle_that_flew_before_the_bridge_started_is_survived() -> None:
+    rig = Rig()
+    rig.autopilot.armed, rig.autopilot.mode = True, MODES["OFFBOARD"]
+    rig.lift_off()
+    rig.run(0.5)
+    rig.autopilot.pos[0] += 3.0
+    rig.autopilot.reset_counter += 1
+    rig.run(0.2)
+    assert rig.status.takeoff_ned_m is None
+    assert rig.odometry[-1].reset_offset_ned_m == pytest.approx((3.0, 0.0, 0.0))
+
+
 def test_a_climb_after_an_abort_goes_on_where_a_position_reset_moves_the_vehicle_beyond_the_limits() -> None:
     rig = Rig().fly(height_m=0.5)
     rig.go("go_to", Phase.GO_TO)

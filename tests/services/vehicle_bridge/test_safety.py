@@ -7,7 +7,8 @@ import pytest
 from jezero.base.frames import quat_from_euler
 from jezero.base.mavlink import dialect
 from jezero.schemas.commands import Abort, Hover, Phase, Release
-from jezero.schemas.topics import ABORT, HOVER, RELEASE
+from jezero.schemas.sensors import Altimeter
+from jezero.schemas.topics import ABORT, ALTIMETER, HOVER, RELEASE
 from jezero.services.vehicle_bridge.authority import press_down_target
 from jezero.services.vehicle_bridge.vehicle import Target, VehicleSnapshot
 from tests.services.vehicle_bridge.rig import ARM, CRITICAL, MODES, Rig
@@ -66,6 +67,15 @@ def test_a_reading_of_the_altimeter_counts_for_three_tenths_of_a_second(silent_s
     rig.post(ABORT, Abort())
     rig.step()
     assert rig.autopilot.setpoints[-1].z == pytest.approx(z_ned_m)
+
+
+def test_an_altimeter_that_meets_nothing_leaves_the_height_to_the_take_off_point() -> None:
+    rig = Rig().fly(height_m=0.8)
+    rig.go("go_to", Phase.GO_TO)
+    rig.post(ABORT, Abort())
+    rig.run(0.1, lambda: rig.box.put(ALTIMETER, Altimeter(t_ns=rig.t_ns, range_m=None)))
+    assert rig.status.code == 12
+    assert rig.autopilot.setpoints[-1].z == pytest.approx(-1.5)
 
 
 def test_a_climb_that_gets_nowhere_ends_after_five_seconds() -> None:

@@ -82,6 +82,13 @@ def test_a_controller_without_signatures_is_not_taken_on_a_signed_link() -> None
     assert "had no valid signature" in rig.status.not_ready_reason
 
 
+def test_with_a_key_the_simulated_autopilot_which_signs_nothing_is_not_taken_either() -> None:
+    rig = Rig(key=KEY)
+    rig.run(2.0)
+    assert not rig.status.ready
+    assert "had no valid signature" in rig.status.not_ready_reason
+
+
 def test_a_forged_message_in_flight_changes_nothing_and_is_counted() -> None:
     rig = SignedRig(KEY, KEY)
     rig.ready()
