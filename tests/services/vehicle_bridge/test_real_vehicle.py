@@ -13,7 +13,7 @@ from jezero.schemas.commands import CameraPitch, Hover, Kill, Phase
 from jezero.schemas.state import StatusCode
 from jezero.schemas.topics import ALTIMETER, CAMERA_PITCH, CLOCK, HOVER, KILL
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
-from tests.services.vehicle_bridge.rig import FakeAutopilot, Rig
+from tests.services.vehicle_bridge.rig import MODES, FakeAutopilot, Rig
 
 LINK = "serial:/dev/ttyACM0:57600"
 CONFIG = replace(VehicleBridgeConfig(), link=LINK, parameters={"MPC_XY_VEL_P_ACC": 4.0})
@@ -33,11 +33,15 @@ def sent_by(rig: Rig) -> list[Any]:
     return MavlinkCodec(255, 1).parse(b"".join(output.data for output in rig.outputs if isinstance(output, Send)))
 
 
+def interval_requests(rig: Rig) -> list[Any]:
+    """Requests of the bridge that a message comes regularly."""
+    commands = (m for m in sent_by(rig) if m.get_msgId() == dialect.MAVLINK_MSG_ID_COMMAND_LONG)
+    return [command for command in commands if command.command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL]
+
+
 def requested_ids(rig: Rig) -> set[int]:
     """Kinds of the messages that the bridge has requested to come regularly."""
-    interval = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
-    commands = (m for m in sent_by(rig) if m.get_msgId() == dialect.MAVLINK_MSG_ID_COMMAND_LONG)
-    return {int(m.param1) for m in commands if m.command == interval}
+    return {int(request.param1) for request in interval_requests(rig)}
 
 
 def clock_error_ns(rig: Rig) -> int:
@@ -233,6 +237,24 @@ def test_a_narrow_line_gets_no_more_setpoints_than_it_carries() -> None:
     rig.autopilot.setpoints.clear()
     rig.run(2.0, lambda: rig.setpoint(control_id, Phase.TAKEOFF))  # 50 a second
     assert 45 <= len(rig.autopilot.setpoints) <= 61
+
+
+@pytest.mark.parametrize(("pilot", "silent", "requested"), [(False, False, 2), (True, False, 0), (True, True, 2)])
+def test_telemetry_is_requested_every_five_seconds_but_not_while_a_pilot_flies_and_it_arrives(
+    pilot: bool, silent: bool, requested: int
+) -> None:
+    """An autopilot that has restarted has forgotten the request."""
+    rig = Rig().fly() if pilot else Rig().ready()
+    if pilot:
+        rig.autopilot.mode = MODES["POSCTL"]
+        rig.run(0.1)
+    rig.autopilot.silent = silent
+    rig.outputs.clear()
+    for _ in range(10):
+        rig.box.wall_ns += 1_000_000_000
+        rig.run(0.04)
+    kinds = [int(message.param1) for message in interval_requests(rig)]
+    assert kinds.count(dialect.MAVLINK_MSG_ID_ODOMETRY) == requested
 
 
 def test_smaller_messages_are_requested_at_once_of_a_line_that_brings_too_little_odometry() -> None:
