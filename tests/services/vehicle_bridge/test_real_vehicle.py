@@ -257,6 +257,16 @@ def test_telemetry_is_requested_every_five_seconds_but_not_while_a_pilot_flies_a
     assert kinds.count(dialect.MAVLINK_MSG_ID_ODOMETRY) == requested
 
 
+def test_nothing_is_requested_of_a_controller_that_is_silent_or_that_jezero_does_not_fly() -> None:
+    silent, other = real(), real()
+    silent.autopilot.silent = True
+    other.autopilot.kind = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
+    for rig in (silent, other):
+        rig.run(1.0)
+        assert interval_requests(rig) == []
+        assert rig.autopilot.read_parameters == []
+
+
 def test_smaller_messages_are_requested_at_once_of_a_line_that_brings_too_little_odometry() -> None:
     rig = real()
     telemetry = rig.autopilot.telemetry
