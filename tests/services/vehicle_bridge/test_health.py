@@ -48,6 +48,16 @@ def test_a_vehicle_is_not_ready_until_each_part_of_its_telemetry_has_come(messag
     assert reason in rig.acquire().reason
 
 
+def test_no_parameter_is_set_until_the_autopilot_has_reported_that_it_is_disarmed() -> None:
+    config = VehicleBridgeConfig(parameters={"MPC_XY_VEL_P_ACC": 4.0})
+    unknown, disarmed = lose(Rig(config), dialect.MAVLINK_MSG_ID_HEARTBEAT), Rig(config)
+    for rig in (unknown, disarmed):
+        rig.autopilot.parameters = {"MPC_XY_VEL_P_ACC": 1.8}
+        rig.run(1.0)
+    assert unknown.autopilot.set_parameters == []
+    assert disarmed.autopilot.set_parameters != []
+
+
 def test_an_idle_vehicle_whose_telemetry_is_missing_for_more_than_a_second_is_not_ready() -> None:
     rig = Rig().ready()
     rig.autopilot.silent = True
