@@ -78,14 +78,12 @@ def test_a_pause_is_in_the_status_from_its_first_setpoint_to_its_last() -> None:
     rig.statuses.clear()
     rig.setpoint(control_id, Phase.GO_TO, paused=True)
     rig.step()
-    assert rig.status.paused
-    assert rig.status.text == "the goal go to is paused"
+    assert (rig.status.paused, rig.status.text) == (True, "the goal go to is paused")
     rig.run(0.2, lambda: rig.setpoint(control_id, Phase.GO_TO, paused=True))
     rig.statuses.clear()
     rig.setpoint(control_id, Phase.GO_TO)
     rig.step()
-    assert not rig.status.paused
-    assert rig.status.text == "the goal go to goes on"
+    assert (rig.status.paused, rig.status.text) == (False, "the goal go to goes on")
     rig.setpoint(control_id, Phase.GO_TO, paused=True)
     rig.step()
     rig.request(ABORT, Abort())

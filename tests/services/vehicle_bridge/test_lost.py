@@ -307,6 +307,15 @@ def test_the_altimeter_is_subscribed_while_armed_only() -> None:
     assert [o.topics for o in rig.outputs if isinstance(o, Subscribe)] == [(ALTIMETER,), ()]
 
 
+def test_the_altimeter_is_subscribed_before_the_motors_run() -> None:
+    rig = Rig().ready()
+    rig.autopilot.refuse_arming = "not yet"
+    control_id = rig.acquire().control_id
+    rig.run(0.2, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
+    assert not rig.status.armed
+    assert [o.topics for o in rig.outputs if isinstance(o, Subscribe)] == [(ALTIMETER,)]
+
+
 def test_the_limits_are_the_vehicles() -> None:
     rig = Rig(robot=VehicleConfig(limits=VehicleLimitsConfig(altitude_max_m=10.0))).fly()
     assert "limit of 10 m" in rig.request(HOVER, Hover(hover_pos=(0.0, 0.0, -11.0))).reason

@@ -499,14 +499,17 @@ def test_an_offboard_mode_that_is_left_for_a_moment_before_arming_is_no_takeover
 
 
 def test_another_mode_is_a_takeover_only_after_arming_in_offboard_mode_was_commanded() -> None:
-    detector = TakeoverDetector()
-    for t_ms, mode in ((0, "POSCTL"), (1000, "OFFBOARD"), (3000, "POSCTL")):
-        assert detector.before_lift_off(snapshot(mode, t_ms, armed=False), arm_commanded=False) is None
-        assert not detector.was_offboard
-    assert detector.before_lift_off(snapshot("OFFBOARD", 4000, armed=False), arm_commanded=True) is None
-    assert detector.was_offboard
+    detector, was_offboard = TakeoverDetector(), []
+    for t_ms, mode, arm_commanded in (
+        (0, "POSCTL", False),
+        (1000, "OFFBOARD", False),
+        (3000, "POSCTL", False),
+        (4000, "OFFBOARD", True),
+    ):
+        assert detector.before_lift_off(snapshot(mode, t_ms, armed=False), arm_commanded=arm_commanded) is None
+        was_offboard.append(detector.was_offboard)
     detector.reset(snapshot(t_ms=4100))
-    assert not detector.was_offboard
+    assert [*was_offboard, detector.was_offboard] == [False, False, False, True, False]
     assert detector.before_lift_off(snapshot("POSCTL", 6000, armed=False), arm_commanded=True) is None
 
 
