@@ -238,6 +238,7 @@ def test_a_narrow_line_gets_no_more_setpoints_than_it_carries() -> None:
     rig.autopilot.setpoints.clear()
     rig.run(2.0, lambda: rig.setpoint(control_id, Phase.TAKEOFF))  # 50 a second
     assert 45 <= len(rig.autopilot.setpoints) <= 61
+    assert "; the line is too narrow for ODOMETRY: position and attitude instead, " in health_of(rig)
 
 
 @pytest.mark.parametrize(("pilot", "silent", "requested"), [(False, False, 2), (True, False, 0), (True, True, 2)])

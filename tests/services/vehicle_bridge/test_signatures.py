@@ -121,6 +121,7 @@ def test_a_controller_that_signs_on_a_link_without_a_key_is_named() -> None:
     assert rig.status.not_ready_reason == (
         "the flight controller signs its messages and takes no others: name its key with JEZERO_MAVLINK_KEY_FILE"
     )
+    assert "; the autopilot signs its messages: name its key with JEZERO_MAVLINK_KEY_FILE" in health_of(rig)
 
 
 def test_the_key_is_not_in_what_recordings_keep() -> None:
