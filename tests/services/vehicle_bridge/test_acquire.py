@@ -76,6 +76,16 @@ def test_an_acquire_that_is_repeated_because_its_reply_was_lost_gets_the_same_co
     assert rig.acquire(goal_id="g").control_id == rig.acquire(goal_id="g").control_id != ""
 
 
+def test_a_goal_that_flies_already_gets_no_second_control() -> None:
+    rig = Rig().fly()
+    control_id = rig.go("go_to", Phase.GO_TO)
+    reply = rig.acquire("go_to", goal_id="goal-go_to")
+    assert not reply.granted and reply.control_id == ""
+    rig.setpoint(control_id, Phase.GO_TO, pos_ned_m=(1.0, 0.0, -2.0))
+    rig.step()
+    assert rig.autopilot.setpoints[-1].x == 1.0, "the first control is as it was"
+
+
 @pytest.mark.parametrize(
     ("age_s", "refusal"),
     [
@@ -150,6 +160,15 @@ def test_a_goal_that_has_flown_is_not_flown_again_and_one_that_sent_no_setpoint_
     waiting = rig.acquire("go_to", goal_id="waiting")
     assert rig.release(waiting.control_id, "canceled").released
     assert rig.acquire("go_to", goal_id="waiting").granted
+
+
+def test_a_goal_that_has_sent_a_single_setpoint_has_flown() -> None:
+    rig = Rig().fly()
+    control_id = rig.acquire("go_to", goal_id="short").control_id
+    rig.setpoint(control_id, Phase.GO_TO)
+    rig.step()
+    assert rig.release(control_id, "canceled").released
+    assert "has flown already" in rig.acquire("go_to", goal_id="short").reason
 
 
 def test_a_request_that_only_checks_gets_the_decision_and_changes_nothing() -> None:

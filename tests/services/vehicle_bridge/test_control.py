@@ -8,9 +8,9 @@ import pytest
 from jezero.base.codec import decode, encode
 from jezero.base.config import load_config
 from jezero.runtime.service import Health
-from jezero.schemas.commands import Abort, Hover, Phase, Release
+from jezero.schemas.commands import Abort, Hover, Kill, Phase, Release
 from jezero.schemas.state import StatusCode
-from jezero.schemas.topics import ABORT, HOVER, RELEASE
+from jezero.schemas.topics import ABORT, HOVER, KILL, RELEASE
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from tests.services.vehicle_bridge.rig import ARM, MODES, SET_MODE, Rig
 
@@ -55,6 +55,60 @@ def test_a_landing_goes_through_8_9_0_and_presses_down_until_disarmed() -> None:
     assert rig.replies[request].released
     assert rig.replies[request].code == 0
     assert rig.codes == [0, 1, 2, 3, 8, 9, 0]
+
+
+def test_the_status_says_whether_a_goal_has_begun_or_begins_with_a_takeoff() -> None:
+    rig = Rig().fly()
+    assert "the goal takeoff has begun" in [status.text for status in rig.statuses]
+    rig = Rig().ready()
+    control_id = rig.acquire("go_to", do_takeoff=True).control_id
+    rig.run_until(lambda: rig.status.armed, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
+    assert rig.status.text == "the goal go to begins with a takeoff"
+    rig.lift_off()
+    rig.run(0.1, lambda: rig.setpoint(control_id, Phase.GO_TO))
+    assert rig.status.text == "the goal go to has begun"
+    rig.release(control_id)
+    rig.go("return_home", Phase.LANDING)
+    assert rig.status.text == "the goal return home has begun"
+
+
+def test_a_pause_is_in_the_status_from_its_first_setpoint_to_its_last() -> None:
+    rig = Rig().fly()
+    control_id = rig.go("go_to", Phase.GO_TO)
+    rig.statuses.clear()
+    rig.setpoint(control_id, Phase.GO_TO, paused=True)
+    rig.step()
+    assert (rig.status.paused, rig.status.text) == (True, "the goal go to is paused")
+    rig.run(0.2, lambda: rig.setpoint(control_id, Phase.GO_TO, paused=True))
+    rig.statuses.clear()
+    rig.setpoint(control_id, Phase.GO_TO)
+    rig.step()
+    assert (rig.status.paused, rig.status.text) == (False, "the goal go to goes on")
+    rig.setpoint(control_id, Phase.GO_TO, paused=True)
+    rig.step()
+    rig.request(ABORT, Abort())
+    assert not rig.status.paused
+
+
+def test_nobody_is_in_charge_of_an_idle_vehicle() -> None:
+    assert Rig().ready().status.in_charge == "none"
+
+
+def test_each_request_to_hover_abort_or_kill_counts_once_in_the_status() -> None:
+    rig = Rig().fly()
+    assert rig.status.interventions == 0
+    assert "below the limit" in rig.request(HOVER, Hover(hover_pos=(0.0, 0.0, -0.1))).reason
+    assert not rig.request(KILL, Kill()).killed
+    assert rig.status.interventions == 0, "what was refused has changed nothing"
+    rig.request(HOVER, Hover())
+    rig.step()
+    assert rig.status.interventions == 1
+    rig.request(ABORT, Abort())
+    rig.step()
+    assert rig.status.interventions == 2
+    rig.request(KILL, Kill(confirm=True, vehicle="uav1"))
+    rig.step()
+    assert rig.status.interventions == 3
 
 
 def forced(rig: Rig) -> list[tuple[int, tuple[float, float, float]]]:

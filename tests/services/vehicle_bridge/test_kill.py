@@ -4,8 +4,9 @@ from functools import partial
 
 import pytest
 
-from jezero.schemas.commands import Kill, Phase, Release
-from jezero.schemas.topics import KILL, RELEASE
+from jezero.base.mavlink import dialect
+from jezero.schemas.commands import Hover, Kill, Phase, Release
+from jezero.schemas.topics import HOVER, KILL, RELEASE
 from tests.services.vehicle_bridge.rig import ARM, Rig
 
 
@@ -13,7 +14,7 @@ def test_kill_needs_to_be_confirmed() -> None:
     rig = Rig().fly()
     reply = rig.request(KILL, Kill())
     assert not reply.killed
-    assert "confirm" in reply.reason
+    assert reply.reason == "kill cuts the motors, in the air too: set confirm to true"
     assert rig.autopilot.armed
 
 
@@ -81,10 +82,32 @@ def test_kill_on_the_ground_has_nothing_to_do() -> None:
     assert rig.codes == [0]
 
 
-def test_a_kill_that_the_autopilot_does_not_hear_is_reported_and_kept_up() -> None:
+@pytest.mark.parametrize("warning", ["", "Disarming denied! Not landed"])
+def test_a_kill_that_the_autopilot_does_not_hear_is_reported_after_three_seconds_and_kept_up(warning: str) -> None:
     rig = Rig().fly()
     rig.autopilot.lost_commands = 10_000
-    assert not rig.request(KILL, Kill(confirm=True, vehicle="uav1")).killed
+    request, posted_ns = rig.post(KILL, Kill(confirm=True, vehicle="uav1")), rig.t_ns
+    rig.run(2.0)
+    if warning:
+        rig.autopilot.unasked = rig.autopilot.codec.pack(dialect.MAVLink_statustext_message(3, warning.encode()))
+    rig.run_until(lambda: request in rig.replies)
+    assert not rig.replies[request].killed
+    expected = "the autopilot has not confirmed it, the bridge keeps trying" + (f": {warning}" if warning else "")
+    assert rig.replies[request].reason == expected
+    assert 3.0 <= (rig.reply_t_ns[request] - posted_ns) * 1e-9 <= 3.2
+    rig.autopilot.lost_commands = 0
+    rig.run(1.0)
+    assert not rig.autopilot.armed
+
+
+def test_a_kill_is_not_undone_by_a_hover_before_the_motors_are_off() -> None:
+    rig = Rig().fly()
+    rig.autopilot.lost_commands = 10_000
+    rig.post(KILL, Kill(confirm=True, vehicle="uav1"))
+    rig.step()
+    reply = rig.request(HOVER, Hover())
+    assert not reply.hover_mode
+    assert "in the air only, and the vehicle is under other command: motors cut on request" in reply.reason
     rig.autopilot.lost_commands = 0
     rig.run(1.0)
     assert not rig.autopilot.armed

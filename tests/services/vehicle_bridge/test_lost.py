@@ -7,6 +7,7 @@ from jezero.base.vehicle_config import VehicleConfig, VehicleLimitsConfig
 from jezero.runtime.service import Subscribe
 from jezero.schemas.commands import Abort, Acquire, Hover, Phase, Release
 from jezero.schemas.topics import ABORT, ACQUIRE, ALTIMETER, HOVER, RELEASE
+from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from tests.services.vehicle_bridge.rig import BOOT_ID, MODES, Rig
 
 TARGETS = [("go_to", Phase.GO_TO), ("land_on_spot", Phase.LANDING)]
@@ -61,6 +62,41 @@ def test_a_setpoint_computed_before_a_reset_is_moved_and_one_after_it_is_not() -
     reply = rig.release(control_id, hover_pos_ned_m=(3.0, 0.0, -2.0), reset_counter=0)
     assert reply.released
     assert rig.autopilot.setpoints[-1].y == pytest.approx(-0.7)
+
+
+def test_a_position_reset_of_a_vehicle_that_stands_moves_its_take_off_point_alone() -> None:
+    rig = Rig().ready()
+    rig.autopilot.pos[1] += 2.0
+    rig.autopilot.reset_counter += 1
+    rig.run(0.2)
+    assert rig.codes == [0] and rig.autopilot.setpoints == []
+    rig.fly()
+    assert rig.status.takeoff_ned_m == (0.0, 2.0, 0.0)
+
+
+def test_a_position_reset_of_a_vehicle_that_flew_before_the_bridge_started_is_survived() -> None:
+    rig = Rig()
+    rig.autopilot.armed, rig.autopilot.mode = True, MODES["OFFBOARD"]
+    rig.lift_off()
+    rig.run(0.5)
+    rig.autopilot.pos[0] += 3.0
+    rig.autopilot.reset_counter += 1
+    rig.run(0.2)
+    assert rig.status.takeoff_ned_m is None
+    assert rig.odometry[-1].reset_offset_ned_m == pytest.approx((3.0, 0.0, 0.0))
+
+
+def test_a_climb_after_an_abort_goes_on_where_a_position_reset_moves_the_vehicle_beyond_the_limits() -> None:
+    rig = Rig().fly(height_m=0.5)
+    rig.go("go_to", Phase.GO_TO)
+    rig.post(ABORT, Abort())
+    rig.step()
+    assert rig.autopilot.setpoints[-1].z == pytest.approx(-1.5)
+    rig.autopilot.pos[0] += 600.0
+    rig.autopilot.reset_counter += 1
+    rig.run(0.1)
+    assert rig.status.code == 12
+    assert rig.autopilot.setpoints[-1].z == pytest.approx(-1.5)
 
 
 def test_the_height_over_the_take_off_point_survives_a_vertical_reset() -> None:
@@ -128,6 +164,20 @@ def test_without_its_router_for_thirty_seconds_the_bridge_lands(seconds: float, 
     assert not lands or "router" in rig.status.text
 
 
+def test_the_time_without_a_router_counts_from_its_last_sign_of_life() -> None:
+    rig = Rig(VehicleBridgeConfig(router_timeout_s=1.0))
+    rig.box.wall_ns = 86_400_000_000_000
+    rig.fly()
+    rig.run(1.5)
+    for connected, seconds in ((False, 0.9), (True, 0.1), (False, 0.9), (True, 0.1), (False, 0.9)):
+        rig.box.connected = connected
+        rig.run(seconds)
+    assert rig.status.code == 3
+    rig.run(0.2)
+    assert rig.status.code == 13
+    assert rig.autopilot.mode == MODES["LAND"]
+
+
 def test_a_pilot_who_takes_over_before_the_command_to_land_has_arrived_keeps_control() -> None:
     rig = Rig().fly()
     rig.box.connected = False
@@ -173,6 +223,18 @@ def test_a_new_epoch_ends_the_goal_and_resets_the_vehicle() -> None:
     rig.ready()
     assert rig.odometry[-1].reset_offset_ned_m == (0.0, 0.0, 0.0)
     assert rig.acquire(goal_id="g2").granted
+
+
+def test_an_idle_vehicle_that_is_respawned_stays_idle_and_takes_goals_again() -> None:
+    rig = Rig().ready()
+    waiting = rig.acquire(goal_id="waiting")
+    rig.epoch_id += 1
+    rig.step()
+    assert rig.status.text == "the vehicle was respawned"
+    assert (rig.status.grant, rig.status.in_charge) == (0, "none")
+    assert rig.release(waiting.control_id).reason == "the vehicle was respawned"
+    assert rig.ready().acquire(goal_id="next").granted
+    assert rig.codes == [0]
 
 
 def test_an_abort_that_comes_with_a_new_epoch_is_stamped_with_the_new_vehicles_time() -> None:
@@ -243,6 +305,15 @@ def test_the_altimeter_is_subscribed_while_armed_only() -> None:
     rig.request(RELEASE, Release(control_id=control_id, outcome="succeeded", then="disarm"))
     rig.run(0.2)
     assert [o.topics for o in rig.outputs if isinstance(o, Subscribe)] == [(ALTIMETER,), ()]
+
+
+def test_the_altimeter_is_subscribed_before_the_motors_run() -> None:
+    rig = Rig().ready()
+    rig.autopilot.refuse_arming = "not yet"
+    control_id = rig.acquire().control_id
+    rig.run(0.2, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
+    assert not rig.status.armed
+    assert [o.topics for o in rig.outputs if isinstance(o, Subscribe)] == [(ALTIMETER,)]
 
 
 def test_the_limits_are_the_vehicles() -> None:

@@ -2,6 +2,7 @@
 
 import pytest
 
+from jezero.base.codec import decode, encode
 from jezero.schemas.commands import Acquire, AcquireReply, Phase
 from jezero.schemas.preflight import Check, PreflightReport
 from jezero.schemas.topics import ACQUIRE, PREFLIGHT
@@ -58,6 +59,14 @@ def test_an_override_is_in_the_reply_and_in_the_status() -> None:
     assert reply.warning == words
     rig.run(0.1, lambda: rig.setpoint(reply.control_id, Phase.TAKEOFF))
     assert words in rig.status.text
+
+
+def test_a_warning_of_long_texts_still_fits_into_the_reply() -> None:
+    long = tuple(Check(name=name, verdict="failed", text="x" * 1500) for name in ("battery", "storage"))
+    reply = take_off(rig_with(*long), "battery", "storage")
+    assert reply.granted
+    assert decode(AcquireReply, encode(reply)) == reply
+    assert reply.warning.startswith("takes off in spite of failed preflight checks: battery: xxx")
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,10 @@ from math import pi
 import pytest
 
 from jezero.base.frames import quat_from_euler
-from jezero.schemas.commands import Abort, Hover, Phase
-from jezero.schemas.topics import ABORT, HOVER
+from jezero.base.mavlink import dialect
+from jezero.schemas.commands import Abort, Hover, Phase, Release
+from jezero.schemas.sensors import Altimeter
+from jezero.schemas.topics import ABORT, ALTIMETER, HOVER, RELEASE
 from jezero.services.vehicle_bridge.authority import press_down_target
 from jezero.services.vehicle_bridge.vehicle import Target, VehicleSnapshot
 from tests.services.vehicle_bridge.rig import ARM, CRITICAL, MODES, Rig
@@ -51,6 +53,29 @@ def test_the_altimeter_is_corrected_for_tilt(tilt_rad: tuple[float, float]) -> N
     rig.step()
     rig.request(ABORT, Abort())
     assert rig.autopilot.setpoints[-1].z == pytest.approx(-2.0 - (1.5 - 1.1 * 0.8253), abs=1e-3)
+
+
+@pytest.mark.parametrize(("silent_s", "z_ned_m"), [(0.2, -3.0), (0.4, -2.0)])
+def test_a_reading_of_the_altimeter_counts_for_three_tenths_of_a_second(silent_s: float, z_ned_m: float) -> None:
+    """After that the height is the one over the take-off point, 2 m, from which nothing climbs."""
+    rig = Rig().fly(height_m=2.0)
+    control_id = rig.go("go_to", Phase.GO_TO)
+    rig.range_m = 0.5
+    rig.run(0.1, lambda: rig.setpoint(control_id, Phase.GO_TO))
+    rig.range_m = None
+    rig.run(silent_s, lambda: rig.setpoint(control_id, Phase.GO_TO))
+    rig.post(ABORT, Abort())
+    rig.step()
+    assert rig.autopilot.setpoints[-1].z == pytest.approx(z_ned_m)
+
+
+def test_an_altimeter_that_meets_nothing_leaves_the_height_to_the_take_off_point() -> None:
+    rig = Rig().fly(height_m=0.8)
+    rig.go("go_to", Phase.GO_TO)
+    rig.post(ABORT, Abort())
+    rig.run(0.1, lambda: rig.box.put(ALTIMETER, Altimeter(t_ns=rig.t_ns, range_m=None)))
+    assert rig.status.code == 12
+    assert rig.autopilot.setpoints[-1].z == pytest.approx(-1.5)
 
 
 def test_a_climb_that_gets_nowhere_ends_after_five_seconds() -> None:
@@ -140,6 +165,52 @@ def test_an_abort_without_a_goal_says_so() -> None:
     assert not reply.hovering
     assert "no goal was in charge" in reply.reason
     assert rig.fly().request(ABORT, Abort()).hovering
+
+
+def test_an_abort_under_a_pilot_does_not_claim_that_the_bridge_makes_the_vehicle_hover() -> None:
+    rig = Rig().fly()
+    rig.autopilot.mode = MODES["POSCTL"]
+    rig.run(0.1)
+    reply = rig.request(ABORT, Abort())
+    assert not reply.hovering
+    assert reply.reason == "no goal was in charge, the vehicle is under other command"
+
+
+def test_an_abort_of_a_vehicle_that_is_being_disarmed_does_not_claim_a_hover() -> None:
+    rig = Rig().fly()
+    control_id = rig.go("land_on_spot", Phase.LANDING)
+    rig.post(RELEASE, Release(control_id=control_id, outcome="succeeded", then="disarm"))
+    rig.step()
+    assert rig.status.code == 9
+    assert not rig.request(ABORT, Abort()).hovering
+
+
+def test_a_hover_that_is_requested_before_lift_off_disarms_and_says_that_the_vehicle_does_not_hover() -> None:
+    rig = Rig().ready()
+    control_id = rig.acquire().control_id
+    rig.run_until(lambda: rig.status.armed, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
+    reply = rig.request(HOVER, Hover())
+    assert not reply.hover_mode
+    assert reply.reason == "the goal takeoff ended: hover was requested"
+    assert rig.status.code == 0
+    assert not rig.autopilot.armed
+
+
+@pytest.mark.parametrize("request_kind", ["hover", "release"])
+def test_a_pilot_who_takes_over_before_the_hover_has_begun_is_named_in_its_reply(request_kind: str) -> None:
+    rig = Rig().fly()
+    control_id = rig.go("go_to", Phase.GO_TO)
+    if request_kind == "hover":
+        request = rig.post(HOVER, Hover())
+    else:
+        request = rig.post(RELEASE, Release(control_id=control_id, outcome="succeeded"))
+    rig.step()
+    assert request not in rig.replies, "the hover begins after a tenth of a second"
+    rig.autopilot.mode = MODES["POSCTL"]
+    rig.run_until(lambda: request in rig.replies, limit_s=0.2)
+    reply = rig.replies[request]
+    assert not (reply.hover_mode if request_kind == "hover" else reply.released)
+    assert reply.reason == "taken over: the autopilot was switched to POSCTL"
 
 
 @pytest.mark.parametrize("outcome", ["canceled", "aborted"])
@@ -321,6 +392,51 @@ def test_motors_that_stop_in_flight_end_the_goal_in_13() -> None:
     rig.step()
     assert rig.status.code == 13
     assert "disarmed while the vehicle flies to a point" in rig.status.text
+
+
+def test_motors_that_stop_while_the_vehicle_climbs_from_its_takeoff_end_it_in_13() -> None:
+    rig = Rig().ready()
+    control_id = rig.acquire().control_id
+    rig.run_until(lambda: rig.status.armed, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
+    rig.lift_off()
+    rig.run(0.1, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
+    rig.autopilot.armed = False
+    rig.step()
+    assert (rig.status.code, rig.status.in_charge) == (13, "failsafe")
+    assert "disarmed while the vehicle takes off" in rig.status.text
+
+
+@pytest.mark.parametrize(("code", "doing"), [(4, "flies to a point"), (3, "hovers")])
+def test_motors_that_stop_on_the_ground_are_a_failure_unless_the_vehicle_was_to_land(code: int, doing: str) -> None:
+    rig = Rig().fly()
+    if code == 4:
+        rig.go("go_to", Phase.GO_TO)
+    rig.autopilot.landed, rig.autopilot.armed = True, False
+    rig.run(0.1)
+    assert rig.codes[-3:] == [code, 13, 0]
+    assert rig.status.text == f"the autopilot disarmed while the vehicle {doing}; landed and disarmed"
+
+
+@pytest.mark.parametrize("landed", [True, False])
+def test_motors_that_stop_at_the_end_of_a_landing_are_its_aim_and_in_the_air_they_are_not(landed: bool) -> None:
+    rig = Rig().fly()
+    control_id = rig.go("land_on_spot", Phase.LANDING)
+    rig.autopilot.landed, rig.autopilot.armed = landed, False
+    rig.autopilot.commands.clear()
+    rig.run(0.2, lambda: rig.setpoint(control_id, Phase.LANDING))
+    assert rig.status.code == (8 if landed else 13)
+    assert rig.autopilot.commands == [], "above all, it isn't armed again"
+    assert landed or "disarmed while the vehicle lands" in rig.status.text
+    assert rig.release(control_id, then="disarm").released is landed
+    assert rig.status.code == (0 if landed else 13)
+
+
+def test_motors_that_stop_in_flight_are_explained_by_the_autopilots_warning() -> None:
+    rig = Rig().fly()
+    warning = dialect.MAVLink_statustext_message(2, b"Failure detector: attitude")
+    rig.autopilot.unasked, rig.autopilot.armed = rig.autopilot.codec.pack(warning), False
+    rig.step()
+    assert rig.status.text == "the autopilot disarmed while the vehicle hovers (Failure detector: attitude)"
 
 
 def test_an_auto_disarm_before_lift_off_ends_the_takeoff() -> None:

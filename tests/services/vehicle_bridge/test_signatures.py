@@ -57,6 +57,16 @@ def test_a_signed_link_still_carries_messages_both_ways_after_two_minutes() -> N
     assert "signature" not in health_of(rig)
 
 
+def test_a_signed_link_works_on_a_computer_that_has_run_for_days() -> None:
+    rig = SignedRig(KEY, KEY)
+    rig.box.wall_ns += 5 * 86_400 * NS_PER_S
+    rig._start_ns = rig.box.wall_ns
+    rig.ready()
+    rig.go("takeoff", Phase.TAKEOFF)
+    assert rig.status.code == StatusCode.TAKEOFF
+    assert rig.autopilot.setpoints
+
+
 def test_with_another_key_nothing_is_taken_and_the_status_says_what_to_do() -> None:
     rig = SignedRig(KEY, OTHER)
     rig.run(5.0)
@@ -69,6 +79,13 @@ def test_a_controller_without_signatures_is_not_taken_on_a_signed_link() -> None
     rig = Rig(CONFIG, key=KEY)
     rig.run(5.0)
     assert rig.status.odometry is None
+    assert "had no valid signature" in rig.status.not_ready_reason
+
+
+def test_with_a_key_the_simulated_autopilot_which_signs_nothing_is_not_taken_either() -> None:
+    rig = Rig(key=KEY)
+    rig.run(2.0)
+    assert not rig.status.ready
     assert "had no valid signature" in rig.status.not_ready_reason
 
 
@@ -104,6 +121,7 @@ def test_a_controller_that_signs_on_a_link_without_a_key_is_named() -> None:
     assert rig.status.not_ready_reason == (
         "the flight controller signs its messages and takes no others: name its key with JEZERO_MAVLINK_KEY_FILE"
     )
+    assert "; the autopilot signs its messages: name its key with JEZERO_MAVLINK_KEY_FILE" in health_of(rig)
 
 
 def test_the_key_is_not_in_what_recordings_keep() -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from math import nan
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -293,7 +294,7 @@ def test_a_mode_that_others_may_be_about_to_arm_in_is_theirs(mode: str, armable:
 
 
 def holds_at(*modes: tuple[float, str, bool], own_flight: bool, at_s: float) -> bool:
-    """Whether hold mode is commanded at a time after a flight.
+    """Whether hold mode is commanded at a time after a flight, which has taken a minute.
 
     Args:
         modes: each with the time in s from which on the disarmed autopilot is in it, and whether it can be armed there.
@@ -301,12 +302,12 @@ def holds_at(*modes: tuple[float, str, bool], own_flight: bool, at_s: float) -> 
         at_s: the time.
     """
     detector = UnarmableModeDetector()
-    detector.reset(VehicleSnapshot(t_ns=0, timer_ns=0), own_flight=own_flight)
+    detector.reset(VehicleSnapshot(t_ns=0, timer_ns=60 * S), own_flight=own_flight)
     commanded = False
     for step in range(round(at_s * 10) + 1):
         mode, armable = [(mode, armable) for since_s, mode, armable in modes if 10 * since_s <= step][-1]
         commanded = detector.update(
-            VehicleSnapshot(t_ns=0, timer_ns=step * 100 * MS, armed=False, mode=mode, armable=armable)
+            VehicleSnapshot(t_ns=0, timer_ns=60 * S + step * 100 * MS, armed=False, mode=mode, armable=armable)
         )
     return commanded
 
@@ -345,6 +346,13 @@ def test_after_a_foreign_flight_it_waits_two_seconds_in_which_nobody_can_arm_and
     assert holds_at(*modes, own_flight=False, at_s=at_s) is holds
 
 
+@pytest.mark.parametrize("armed", [True, None])
+def test_a_vehicle_that_may_be_armed_is_not_commanded_into_hold_mode(armed: bool | None) -> None:
+    detector = UnarmableModeDetector()
+    detector.reset(VehicleSnapshot(t_ns=0, timer_ns=0), own_flight=True)
+    assert not detector.update(VehicleSnapshot(t_ns=0, timer_ns=S, armed=armed, mode="OFFBOARD"))
+
+
 # -- foreign setpoint detector -----------------------------------------------------------------------------
 
 
@@ -380,15 +388,52 @@ def test_a_late_echo_of_a_moving_target_is_not_foreign() -> None:
     assert detection_ms(lambda ms: (Target(at(ms), None, None, 0.0), (at(max(0, ms - 900) // 20 * 20), NONE))) == -1
 
 
+def test_an_echo_of_a_setpoint_that_was_replaced_more_than_a_second_ago_is_foreign() -> None:
+    def at(ms: int) -> Vec3:
+        return (ms * 0.01, 0.0, -3.0)
+
+    assert detection_ms(lambda ms: (Target(at(ms), None, None, 0.0), (at(max(0, ms - 1200)), NONE))) > 1_000
+
+
+@pytest.mark.parametrize(("off_m", "is_ours"), [(0.07, True), (0.15, False)])
+def test_an_echoed_position_is_within_a_tenth_of_a_metre_of_a_sent_one(off_m: float, is_ours: bool) -> None:
+    assert (detection_ms(lambda ms: (HERE, ((1.0, 2.0 + off_m, -3.0), NONE))) == -1) == is_ours
+
+
+@pytest.mark.parametrize(
+    ("times_ms", "detected"),
+    [
+        ((0, 200, 400, 600), True),
+        ((0, 300, 600), False),
+        ((0, 100, 200, 300), False),
+        ((0, 20, 40, 600), True),
+        ((0, 600, 1200, 1800), True),
+        ((0, 700, 1400, 2100), False),
+    ],
+    ids=["four", "three", "a short burst", "a burst and one more", "four in two seconds", "three in two seconds"],
+)
+def test_four_foreign_echoes_within_two_seconds_but_not_all_within_half_a_second_are_a_stream(
+    times_ms: tuple[int, ...], detected: bool
+) -> None:
+    detector = ForeignSetpointDetector()
+    for ms in range(0, times_ms[-1] + 1, 20):
+        detector.add_sent(HERE, S + ms * MS)
+        if ms in times_ms:
+            detector.update(SetpointEcho(S + ms * MS, (9.0, 2.0, -3.0), NONE), S + ms * MS, S + ms * MS)
+    assert detector.is_detected(S + times_ms[-1] * MS) is detected
+    detector.reset()
+    assert not detector.is_detected(S + times_ms[-1] * MS)
+
+
 @pytest.mark.parametrize(
     ("echo_mps", "is_ours"),
     [
         ((0.6, 0.0, 0.0), True),
         ((0.0, 0.0, 0.0), True),
         ((1.15, 0.1, -0.1), True),
-        ((1.5, 0.0, 0.0), False),
-        ((-0.5, 0.0, 0.0), False),
-        ((1.0, 0.0, 0.5), False),
+        ((1.3, 0.0, 0.0), False),
+        ((-0.3, 0.0, 0.0), False),
+        ((1.0, 0.0, 0.3), False),
     ],
 )
 def test_an_echoed_velocity_may_be_limited_but_not_greater(echo_mps: Vec3, is_ours: bool) -> None:
@@ -433,14 +478,96 @@ def test_a_short_burst_of_foreign_echoes_is_not_detected(ms_long: int) -> None:
     assert detection_ms(lambda ms: (HERE, moved if 1_000 <= ms < 1_000 + ms_long else ((1.0, 2.0, -3.0), NONE))) == -1
 
 
+# -- takeover detector ---------------------------------------------------------------------------------------
+
+
+def snapshot(mode: str = "OFFBOARD", t_ms: int = 0, **fields: Any) -> VehicleSnapshot:
+    """An armed vehicle, unless other fields are given."""
+    return VehicleSnapshot(**{"t_ns": 0, "timer_ns": t_ms * MS, "mode": mode, "armed": True, **fields})
+
+
 def test_an_offboard_mode_that_is_left_for_a_moment_before_arming_is_no_takeover() -> None:
     """The mode of the autopilot's heartbeat may be older than the command."""
     detector = TakeoverDetector()
 
     def at_ms(t_ms: int, mode: str) -> object:
-        vehicle = VehicleSnapshot(t_ns=0, timer_ns=t_ms * MS, armed=False, mode=mode)
-        return detector.before_lift_off(vehicle, arm_commanded=True)
+        return detector.before_lift_off(snapshot(mode, t_ms, armed=False), arm_commanded=True)
 
-    assert at_ms(0, "OFFBOARD") is None
-    assert at_ms(280, "AUTO.LOITER") is None
-    assert at_ms(320, "AUTO.LOITER") is not None
+    assert at_ms(5000, "OFFBOARD") is None
+    assert at_ms(5280, "AUTO.LOITER") is None
+    assert at_ms(5320, "AUTO.LOITER") == ("external", "taken over: the autopilot was switched to AUTO.LOITER")
+
+
+def test_another_mode_is_a_takeover_only_after_arming_in_offboard_mode_was_commanded() -> None:
+    detector, was_offboard = TakeoverDetector(), []
+    for t_ms, mode, arm_commanded in (
+        (0, "POSCTL", False),
+        (1000, "OFFBOARD", False),
+        (3000, "POSCTL", False),
+        (4000, "OFFBOARD", True),
+    ):
+        assert detector.before_lift_off(snapshot(mode, t_ms, armed=False), arm_commanded=arm_commanded) is None
+        was_offboard.append(detector.was_offboard)
+    detector.reset(snapshot(t_ms=4100))
+    assert [*was_offboard, detector.was_offboard] == [False, False, False, True, False]
+    assert detector.before_lift_off(snapshot("POSCTL", 6000, armed=False), arm_commanded=True) is None
+
+
+@pytest.mark.parametrize(
+    ("mode", "arm_commanded", "ours"),
+    [("OFFBOARD", True, True), ("OFFBOARD", False, False), ("POSCTL", True, False), ("POSCTL", False, False)],
+)
+def test_arming_is_the_bridges_only_in_offboard_mode_after_its_command(
+    mode: str, arm_commanded: bool, ours: bool
+) -> None:
+    takeover = TakeoverDetector().before_lift_off(snapshot(mode), arm_commanded=arm_commanded)
+    assert takeover == (None if ours else ("external", "taken over: armed, and not by the bridge"))
+
+
+@pytest.mark.parametrize(
+    ("mode", "fields", "takeover"),
+    [
+        ("OFFBOARD", {}, None),
+        ("OFFBOARD", {"failsafe": True}, None),
+        ("POSCTL", {}, ("external", "taken over: the autopilot was switched to POSCTL")),
+        ("POSCTL", {"armed": False}, None),
+        ("OFFBOARD", {"foreign_setpoints": True}, ("external", "taken over: the autopilot follows setpoints of ")),
+        ("OFFBOARD", {"foreign_setpoints": True, "armed": False}, None),
+        ("AUTO.RTL", {"failsafe": True}, ("failsafe", "failsafe: the autopilot was switched to AUTO.RTL")),
+        (
+            "AUTO.RTL",
+            {"failsafe": True, "command_failure": "Battery low"},
+            ("failsafe", "failsafe: the autopilot was switched to AUTO.RTL (Battery low)"),
+        ),
+    ],
+)
+def test_in_flight_another_mode_or_stream_is_a_takeover_with_the_autopilots_reason_for_a_failsafe(
+    mode: str, fields: dict[str, Any], takeover: tuple[str, str] | None
+) -> None:
+    found = TakeoverDetector().in_flight(snapshot(mode, **fields))
+    if takeover is None:
+        assert found is None
+    else:
+        assert found is not None and found[0] == takeover[0] and found[1].startswith(takeover[1])
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "holder"),
+    [
+        (("POSCTL", False), ("POSCTL", False), None),
+        (("", False), ("POSCTL", False), None),
+        (("POSCTL", False), ("AUTO.LOITER", False), "external"),
+        (("POSCTL", False), ("AUTO.LAND", True), "failsafe"),
+        (("AUTO.LAND", True), ("AUTO.LAND", False), "external"),
+        (("AUTO.LAND", False), ("AUTO.LAND", True), "failsafe"),
+    ],
+)
+def test_while_others_fly_a_change_of_mode_or_of_its_cause_is_a_handover(
+    before: tuple[str, bool], after: tuple[str, bool], holder: str | None
+) -> None:
+    for armed in (True, False):
+        detector = TakeoverDetector()
+        detector.reset(snapshot(before[0], failsafe=before[1]))
+        handover = detector.handover(snapshot(after[0], failsafe=after[1], armed=armed))
+        assert (None if handover is None else handover[0]) == (holder if armed else None)
+        assert detector.handover(snapshot(after[0], failsafe=after[1])) is None, "it is reported once"

@@ -55,6 +55,7 @@ def grant(*phases: Phase) -> Grant:
         ({"t_ns": T_NS + S // 20}, ""),
         ({"t_ns": T_NS + S // 20 + 1}, "-0.050 s old"),
         ({"phase": Phase.TAKEOFF}, "the phase takeoff of the goal go to while the vehicle "),
+        ({"phase": Phase.LANDING}, "the phase landing of the goal go to while the vehicle hovers"),
         ({"pos_ned_m": None}, "neither a position nor a velocity"),
         ({"pos_ned_m": None, "vel_ned_mps": (1.0, 0.0, 0.0)}, ""),
         ({"pos_ned_m": None, "vel_ned_mps": (1.0, 0.0, 0.0), "reset_counter": 9}, ""),

@@ -9,8 +9,8 @@ S = 1_000_000_000
 
 def test_a_reset_steps_by_what_motion_does_not_explain() -> None:
     resets = ResetHistory()
-    assert resets.update(0, 5, (0.0, 0.0, -2.0), (1.0, 0.0, 0.0)) is None
-    step = resets.update(S // 10, 6, (1.6, -0.5, -2.0), (1.0, 0.0, 0.0))
+    assert resets.update(3 * S, 5, (0.0, 0.0, -2.0), (1.0, 0.0, 0.0)) is None
+    step = resets.update(3 * S + S // 10, 6, (1.6, -0.5, -2.0), (1.0, 0.0, 0.0))
     assert step == pytest.approx((1.5, -0.5, 0.0))
     assert resets.counter == 6
     assert resets.offset_ned_m == pytest.approx((1.5, -0.5, 0.0))
