@@ -147,6 +147,19 @@ def test_statistics_count_the_measurements_of_one_kind_since_a_time() -> None:
     assert since_20_ms is not None and (since_20_ms.measurements, since_20_ms.used) == (9, 21)
 
 
+def test_measurements_that_came_already_or_are_too_old_change_nothing() -> None:
+    rel_m = POS_UAV_M - POS_ROVER_M
+    kalman = kalman_at(POS_UAV_M, 0.05)
+    history = MeasurementHistory(kalman, kalman.save(), GATE)
+    known = tag(50 * MS, rel_m)
+    history.add([known])
+    before = kalman.save()
+    history.add([known, tag(-10 * MS, rel_m)])
+    history.add([])
+    assert [entry.measurement for entry in history.entries] == [known]
+    assert np.array_equal(kalman.x, before.x) and np.array_equal(kalman.P, before.P)
+
+
 def test_a_filter_whose_state_is_no_number_any_more_begins_again_with_the_next_odometry() -> None:
     located, rel_m = RelativeFilter(Tuning(), ValidityConfig(), PlatformConfig()), POS_UAV_M - POS_ROVER_M
     located.add([*hovering(0.1), tag(0, rel_m)])

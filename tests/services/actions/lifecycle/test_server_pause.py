@@ -131,6 +131,14 @@ def test_a_goal_that_does_not_fly_yet_or_is_ending_is_neither_paused_nor_resumed
     assert request(world, Resume(goal_id="far")) == ResumeReply(resumed=False, reason="the goal is ending already")
 
 
+def test_a_goal_that_has_arrived_and_waits_for_the_bridge_is_not_paused() -> None:
+    world = World()
+    world.bridge.lost_releases = 1000
+    world.send(GoToGoal(target_ned_m=(1.0, 0.0, -3.0), goal_id="near"))
+    assert world.bus.run_for(30.0, lambda: world.bridge.lost_releases < 1000)
+    assert request(world, Pause(goal_id="near")) == PauseReply(paused=False, reason="the goal is ending already")
+
+
 def test_a_goal_on_the_ground_is_not_paused() -> None:
     world = World((0.0, 0.0, 0.0))
     goal = GoToGoal(target_ned_m=(5.0, 0.0, -3.0), do_takeoff=True, goal_id="up")
