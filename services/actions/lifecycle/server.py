@@ -674,6 +674,7 @@ class GoalRun:
             yield from self.reject(POSITION_LOST, inbox)
             return
         self.stage = "preparing"
+        self._view.begin(odometry)
         state = self._state(t_ns, inbox, odometry)
         self._preparation = PreparationRun(t_ns, self.action, self.goal_id, start, state)
         yield self._preparation.begin()
@@ -708,6 +709,7 @@ class GoalRun:
         if odometry is None:  # there was some when the goal arrived
             yield from self.reject(POSITION_LOST, inbox)
             return
+        self._view.begin(odometry)
         if any(self._view.shift(odometry)):
             yield from self.reject(POSITION_CORRECTED, inbox)
             return

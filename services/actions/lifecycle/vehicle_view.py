@@ -76,7 +76,7 @@ class VehicleView:
         self._lease = lease
         self._steering = steering
         self._with_rover = RELATIVE in inputs or ROVER_ESTIMATE in inputs
-        self._offset_start_ned_m: Vec3 = (0.0, 0.0, 0.0)
+        self._offset_start_ned_m: Vec3 | None = None
 
     @property
     def steered_by(self) -> tuple[Topic[Any], ...]:
@@ -89,8 +89,9 @@ class VehicleView:
             self._steering.update(t_ns, inbox)
 
     def begin(self, odometry: Odometry) -> None:
-        """Start: from now on positions are in the world frame as it is in this message."""
-        self._offset_start_ned_m = odometry.reset_offset_ned_m
+        """Start, if the goal has not started yet: positions are in the world frame as it is in this message."""
+        if self._offset_start_ned_m is None:
+            self._offset_start_ned_m = odometry.reset_offset_ned_m
 
     def odometry(self, inbox: Inbox) -> Odometry | None:
         """The newest odometry; until the first one of its own topic arrives, that in the status."""
@@ -104,7 +105,7 @@ class VehicleView:
     def shift(self, odometry: Odometry) -> Vec3:
         """Shift of positions from the behaviour's world frame to the autopilot's present one."""
         offset_ned_m, start_ned_m = odometry.reset_offset_ned_m, self._offset_start_ned_m
-        return NO_SHIFT if offset_ned_m == start_ned_m else subtract(offset_ned_m, start_ned_m)
+        return NO_SHIFT if start_ned_m in (None, offset_ned_m) else subtract(offset_ned_m, start_ned_m)
 
     def state(self, t_ns: int, inbox: Inbox, odometry: Odometry, behind_ns: int = 0) -> VehicleState:
         """State of the vehicle as a behaviour gets it.
@@ -179,11 +180,12 @@ class VehicleView:
             return None
         if rover.epoch_id != self._epoch_id or not is_fresh(rover, t_ns, ESTIMATE_AGE_MAX_S):
             return None
-        shift = subtract(rover.reset_offset_ned_m, self._offset_start_ned_m)
+        start_ned_m = self._offset_start_ned_m or NO_SHIFT
+        shift = subtract(rover.reset_offset_ned_m, start_ned_m)
         pos_rover_ned_m = subtract(rover.pos_rover_ned_m, shift)
         return msgspec.structs.replace(
             rover,
             t_ns=max(rover.t_ns - behind_ns, 0),
             pos_rover_ned_m=pos_rover_ned_m,
-            reset_offset_ned_m=self._offset_start_ned_m,
+            reset_offset_ned_m=start_ned_m,
         )

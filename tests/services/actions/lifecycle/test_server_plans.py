@@ -297,3 +297,11 @@ def test_the_plan_of_a_landing_waits_for_the_estimate_of_the_rover() -> None:
     bench.inbox.add_message(topics.ALTIMETER.name, Altimeter(t_ns=bench.t_ns, range_m=3.0))
     (reply,) = replies(bench.step(), PlanReply)
     assert reply.accepted and reply.duration_s is not None
+
+
+@pytest.mark.parametrize("goal", [GoToGoal(target_ned_m=(80.0, 0.0, -4.0)), CIRCLE, FIELD, SPOT])
+def test_each_goal_is_flown_after_an_earlier_correction_of_the_position(goal: Goal) -> None:
+    world = world_at((0.0, 0.0, -4.0))
+    world.bridge.step_position((50.0, 0.0, 0.0))
+    world.bus.run_for(0.3)
+    assert isinstance(world.flying(goal).replies[0], Accepted)
