@@ -130,7 +130,7 @@ class MissionService:
         yield from self._watch_way_home(t_ns, inbox)
         yield from self._advance(t_ns, inbox)
         for request in inbox.requests(RUN_MISSION):
-            yield self._begin(request)
+            yield self._begin(request, inbox.latest(STATUS))
         for request in inbox.requests(COMMAND_MISSION):
             yield from self._command(request, inbox)
         if self._record is not None and self._record is not before:
@@ -157,12 +157,12 @@ class MissionService:
         if status is None or record is None or record.state not in ("running", "paused"):
             return
         present = _interventions_of(status)
-        if self._interventions is None:
-            self._interventions = present
+        before = self._interventions = self._interventions or present
         external = status.in_charge in ("external", "failsafe")
-        if present == self._interventions and not external:
+        if present == before and not external:
             return
-        event = REQUESTED if present[0] == self._interventions[0] else BRIDGE_RESTARTED
+        restarted = before is not None and before[0] != status.bridge_boot_id
+        event = BRIDGE_RESTARTED if restarted else REQUESTED
         yield from self._hold(
             record.in_state("interrupted", status.text if external else f"{event}: {status.text}"), status
         )
@@ -309,7 +309,7 @@ class MissionService:
 
     # -- requests --
 
-    def _begin(self, request: Request) -> Reply:
+    def _begin(self, request: Request, status: Status | None) -> Reply:
         mission: Mission = request.payload
         present = self._record
         if self._return is not None:
@@ -322,7 +322,7 @@ class MissionService:
         self._missions += 1
         mission_id = f"mission-{self._boot_id:x}-{self._missions}"
         self._record = MissionRecord(mission=mission, mission_id=mission_id)
-        self._interventions = None
+        self._interventions = _interventions_of(status)
         return Reply(request.request_id, MissionReply(accepted=True, mission_id=mission_id))
 
     def _goals_refusal(self, mission: Mission) -> str:
@@ -348,7 +348,7 @@ class MissionService:
         if self._return is not None and command.command != "stop":
             refusal = self._returning(self._return)
         elif record is not None and record.state == "failed" and command.command in ("resume", "skip"):
-            self._interventions, refusal = None, ""
+            self._interventions, refusal = _interventions_of(inbox.latest(STATUS)), ""
             self._record = again = record.again()
             if command.command == "skip":
                 self._record = again.without_step()
@@ -395,7 +395,7 @@ class MissionService:
         if command in ("resume", "swapped"):
             if self._wanted:
                 return ENDING
-            self._interventions = None
+            self._interventions = _interventions_of(status)
             self._record = record.in_state("running")
             if status is not None and status.landed and record.altitude_m is None:  # the stack was restarted
                 self._record = self._record.from_ground(armed=status.armed)
@@ -404,8 +404,7 @@ class MissionService:
         elif command == "pause":
             self._record = record.in_state("paused", PAUSED)
         else:
-            # A status that comes later may have an intervention by somebody who doesn't know of this command.
-            self._interventions = None if status is None else _interventions_of(status)
+            self._interventions = _interventions_of(status)
             self._wanted = "skip" if command == "skip" else "stop"
             run = self._run = run or self._goal_of_run_before(record, status)
             if run is not None:
@@ -447,9 +446,13 @@ class MissionService:
         return f"{mission}; {way_home}" if way_home else mission
 
 
-def _interventions_of(status: Status) -> tuple[int, int]:
-    """The bridge's boot id, and its number of interventions."""
-    return status.bridge_boot_id, status.interventions
+def _interventions_of(status: Status | None) -> tuple[int, int] | None:
+    """The bridge's boot id, and its number of interventions; None for an unknown status.
+
+    The bridge publishes an intervention before it replies to it. So a person who intervenes and then sends a command
+    to the mission means both, and whoever intervenes after the command means to stop the mission.
+    """
+    return None if status is None else (status.bridge_boot_id, status.interventions)
 
 
 def _still_paused(before: MissionRecord, following: MissionRecord) -> MissionRecord:

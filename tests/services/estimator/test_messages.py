@@ -354,7 +354,7 @@ def test_a_refused_position_of_the_rover_leaves_the_estimate() -> None:
 
 
 def with_uwb_left_out() -> Steps:
-    """After 1.5 s in which all ranges are 1 m too long, while the tags are right."""
+    """An estimator that leaves UWB out: for 1.5 s all its ranges were 1 m too long, and the tags were right."""
     steps = Steps()
     steps.find_rover(200)
     for t_ms in range(250, 1750, 50):

@@ -478,6 +478,23 @@ def test_a_hover_after_a_skip_interrupts_the_mission_behind_the_step_that_is_lef
     assert [tag for tag, _ in flown.calls(HOVER_REQUESTED)] == ["mission-1-1.2.1/goal"]
 
 
+@pytest.mark.parametrize("command", ["resume", "skip"])
+def test_a_hover_right_after_a_mission_goes_on_interrupts_it_again(command: str) -> None:
+    flown = started(STEP, STEP)
+    flown.step(HOVER_REQUESTED)
+    flown.end_goal(HOVER_REQUESTED, "canceled")
+    assert flown.command(HOVER_REQUESTED, command).accepted
+    assert flown.calls(replace(HOVER_REQUESTED, interventions=2)) == []
+    assert flown.state == "interrupted"
+
+
+def test_a_hover_right_after_a_mission_was_accepted_interrupts_it_before_it_flies() -> None:
+    flown = Flown()
+    assert flown.ask(FLYING, Mission(name="survey", steps=(STEP,))).accepted
+    assert flown.calls(HOVER_REQUESTED) == []
+    assert flown.state == "interrupted"
+
+
 def test_a_skip_of_the_last_step_ends_the_mission_though_somebody_intervenes() -> None:
     flown = started(STEP)
     flown.command(FLYING, "skip")

@@ -196,8 +196,8 @@ def test_a_fence_that_the_autopilot_does_not_take_stands_in_health_and_on_the_to
     assert rig.request(SET_FENCE, SetFence(fence=FENCE)).accepted
 
     def last(kind: type[Health] | type[FenceState]) -> str:
-        told = [o.message if isinstance(o, Publish) else o for o in rig.outputs]
-        found = [each for each in told if isinstance(each, kind)][-1]
+        messages = [output.message if isinstance(output, Publish) else output for output in rig.outputs]
+        found = [message for message in messages if isinstance(message, kind)][-1]
         return found.text if isinstance(found, Health) else found.autopilot_failure
 
     rig.run(2.0)  # it may still reply

@@ -166,7 +166,7 @@ def test_a_heartbeat_is_requested_when_the_last_one_is_old() -> None:
 
 
 def test_the_batterys_critical_level_is_requested_by_its_name() -> None:
-    """With an index of 0 or more, the autopilot would reply with another parameter, by its number."""
+    """The index must be -1: an autopilot that gets another index replies with the parameter of that index."""
     request = sent(AutopilotLink(1).request_battery_critical(S))
     assert (request.target_system, request.target_component) == (1, 1)
     assert (request.param_id, request.param_index) == ("BAT_CRIT_THR", -1)

@@ -57,7 +57,7 @@ def test_the_altimeter_is_corrected_for_tilt(tilt_rad: tuple[float, float]) -> N
 
 @pytest.mark.parametrize(("silent_s", "z_ned_m"), [(0.2, -3.0), (0.4, -2.0)])
 def test_a_reading_of_the_altimeter_counts_for_three_tenths_of_a_second(silent_s: float, z_ned_m: float) -> None:
-    """After that the height is the one over the take-off point, 2 m, from which nothing climbs."""
+    """An older reading is not used: the vehicle is 2 m above the take-off point, which is high enough to hover."""
     rig = Rig().fly(height_m=2.0)
     control_id = rig.go("go_to", Phase.GO_TO)
     rig.range_m = 0.5

@@ -94,7 +94,7 @@ def test_the_time_is_unknown_until_enough_replies_have_come(known_after: int) ->
 
 
 def test_a_bridge_that_is_started_anew_knows_the_time_by_one_reply() -> None:
-    """After a second without setpoints the controller's failsafe would act."""
+    """A bridge that needed five replies again would be silent for too long: the controller's failsafe would act."""
     for kept, replies in ((None, 5), (KeptEpoch(7, 40 * S, 1000 * S), 1)):
         clock = ControllerClock(1000, kept, lambda epoch: None)
         controller = Controller(clock.sync)
@@ -219,7 +219,7 @@ def test_a_difference_that_the_round_trip_does_not_explain_is_a_jump_after_three
 
 @pytest.mark.parametrize(("difference_ms", "jumps"), [(60, 0), (-60, 0), (200, 1), (-200, 1)])
 def test_on_a_slow_line_the_time_known_so_far_may_be_wrong_too(difference_ms: int, jumps: int) -> None:
-    """Of a round trip of 100 ms, all may have been on the way there, and now all on the way back."""
+    """A round trip takes 100 ms. Nobody knows which part of it is the way there, so the time is as uncertain."""
     sync = known(round_trip_ns=100 * MS)
     for number in range(3):
         t_ns = number * PERIOD_NS

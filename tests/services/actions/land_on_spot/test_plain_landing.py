@@ -207,7 +207,7 @@ def descending() -> PlainLanding:
 def test_what_remains_of_a_descent_is_the_way_down_and_the_time_until_the_motors_stop(
     height_m: float | None, way_m: float, down_s: float
 ) -> None:
-    """By the altimeter, or by the altitude of 4 m where the altimeter measures nothing."""
+    """The altimeter measures the way down; where it measures nothing, the altitude of 4 m is the way down."""
     remaining = descending().remaining(at((0.0, 0.0, -4.0), height_m))
     assert (remaining.distance_m, remaining.time_s) == pytest.approx((way_m, down_s + 4.0))
 

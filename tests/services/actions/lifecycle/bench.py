@@ -111,12 +111,12 @@ class Bench:
         self.inbox.responses.append(Response(tag, payload, error))
 
     def give_control(self, code: StatusCode = StatusCode.GO_TO) -> None:
-        """From now on the status has the goal in charge."""
+        """Put the goal in charge in each status that is published after this."""
         assert self.status is not None
         self.status = replace(self.status, code=int(code), in_charge="goal", grant=GRANT)
 
     def take_control(self, code: StatusCode = StatusCode.HOVER) -> None:
-        """From now on the status has no goal in charge."""
+        """Put no goal in charge in each status that is published after this."""
         assert self.status is not None
         self.status = replace(self.status, code=int(code), in_charge="none", grant=0)
 
